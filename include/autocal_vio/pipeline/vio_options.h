@@ -1,0 +1,29 @@
+// All algorithm settings (config/estimator.yaml), one section per class.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "autocal_vio/common/option_visitor.h"
+#include "autocal_vio/estimator/estimator_options.h"
+#include "autocal_vio/frontend/feature_tracker_options.h"
+#include "autocal_vio/initializer/initializer_options.h"
+
+namespace autocal_vio {
+
+struct VioOptions {
+  FeatureTrackerOptions tracker;
+  InitializerOptions initializer;
+  EstimatorOptions estimator;
+  bool fix_extrinsics = false;  ///< never changes the extrinsics given as a prior (not a file key)
+
+  /// Visits each section: visit("tracker", tracker), ...
+  template <class Visitor>
+  void visitSections(Visitor&& visit) {
+    visit("tracker", tracker);
+    visit("initializer", initializer);
+    visit("estimator", estimator);
+  }
+};
+
+}  // namespace autocal_vio

@@ -1,0 +1,36 @@
+// Sensor facts of one camera-IMU rig, as a rig file (config/*.yaml) or Kalibr states them.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "autocal_vio/camera/camera_model.h"
+#include "autocal_vio/geometry/transform.h"
+#include "autocal_vio/imu/imu_types.h"
+
+namespace autocal_vio {
+
+/// Camera-IMU calibration known beforehand, with its uncertainty.
+struct ExtrinsicsPrior {
+  Transform T_imu_cam;              ///< pose of the camera in the IMU frame: R_BC, p_BC
+  double sigma_rotation = 0.02;     ///< [rad], per axis
+  double sigma_translation = 0.02;  ///< [m], per axis
+};
+
+/// Time offset known beforehand: t_imu = t_cam + td.
+struct TimeOffsetPrior {
+  double td = 0.0;         ///< [s]
+  double sigma_td = 0.01;  ///< [s]
+};
+
+struct RigModel {
+  std::optional<CameraIntrinsics> camera;  ///< absent: taken from camera_info
+  ImuNoise imu_noise;
+  std::optional<ExtrinsicsPrior> extrinsics_prior;
+  TimeOffsetPrior time_offset_prior;
+  std::string image_topic;  ///< rostopic of cam0, may be empty
+  std::string imu_topic;    ///< rostopic of imu0, may be empty
+};
+
+}  // namespace autocal_vio
