@@ -38,7 +38,8 @@ bool distortRadialTangential(const Eigen::Vector4d& k, const Eigen::Vector2d& m,
   return true;
 }
 
-bool distortEquidistant(const Eigen::Vector4d& k, const Eigen::Vector2d& m, Eigen::Vector2d* out, Eigen::Matrix2d* J) {
+bool distortEquidistant(const Eigen::Vector4d& k, const Eigen::Vector2d& m, Eigen::Vector2d* out,
+                        Eigen::Matrix2d* J) {
   const double r2 = m.squaredNorm(), r = std::sqrt(r2);
   if (r < 1e-8) {
     *out = m;
@@ -51,7 +52,8 @@ bool distortEquidistant(const Eigen::Vector4d& k, const Eigen::Vector2d& m, Eige
   const double scale = theta_d / r;
   *out = m * scale;
   if (J) {
-    const double d_theta_d = 1.0 + t2 * (3.0 * k(0) + t2 * (5.0 * k(1) + t2 * (7.0 * k(2) + t2 * 9.0 * k(3))));
+    const double d_theta_d =
+        1.0 + t2 * (3.0 * k(0) + t2 * (5.0 * k(1) + t2 * (7.0 * k(2) + t2 * 9.0 * k(3))));
     const double d_scale = (d_theta_d / (1.0 + r2) - scale) / r2;  // d scale / d r, divided by r
     *J = scale * Eigen::Matrix2d::Identity() + d_scale * m * m.transpose();
   }
@@ -89,11 +91,16 @@ std::vector<std::string> CameraIntrinsics::validate() const {
   require(width > 0 && width <= 20000, "image width must be within (0, 20000] px", width);
   require(height > 0 && height <= 20000, "image height must be within (0, 20000] px", height);
   for (int i = 0; i < 2; ++i)
-    require(std::isfinite(intrinsics(i)) && intrinsics(i) > 1.0, i == 0 ? "focal length fu must be above 1 px" : "focal length fv must be above 1 px", intrinsics(i));
-  require(std::isfinite(intrinsics(2)) && intrinsics(2) > 0.0 && intrinsics(2) < width, "principal point pu must lie in the image", intrinsics(2));
-  require(std::isfinite(intrinsics(3)) && intrinsics(3) > 0.0 && intrinsics(3) < height, "principal point pv must lie in the image", intrinsics(3));
+    require(std::isfinite(intrinsics(i)) && intrinsics(i) > 1.0,
+            i == 0 ? "focal length fu must be above 1 px" : "focal length fv must be above 1 px",
+            intrinsics(i));
+  require(std::isfinite(intrinsics(2)) && intrinsics(2) > 0.0 && intrinsics(2) < width,
+          "principal point pu must lie in the image", intrinsics(2));
+  require(std::isfinite(intrinsics(3)) && intrinsics(3) > 0.0 && intrinsics(3) < height,
+          "principal point pv must lie in the image", intrinsics(3));
   for (int i = 0; i < 4; ++i)
-    require(std::isfinite(distortion_coeffs(i)) && std::abs(distortion_coeffs(i)) < 100.0, "distortion coefficients must be finite and below 100", distortion_coeffs(i));
+    require(std::isfinite(distortion_coeffs(i)) && std::abs(distortion_coeffs(i)) < 100.0,
+            "distortion coefficients must be finite and below 100", distortion_coeffs(i));
   return problems;
 }
 
@@ -115,7 +122,8 @@ bool CameraModel::distortNormalized(const Eigen::Vector2d& normalized, Eigen::Ve
              : distortEquidistant(intrinsics_.distortion_coeffs, normalized, distorted, J);
 }
 
-bool CameraModel::distort(const Eigen::Vector2d& normalized, Eigen::Vector2d* pixel, Eigen::Matrix2d* J) const {
+bool CameraModel::distort(const Eigen::Vector2d& normalized, Eigen::Vector2d* pixel,
+                          Eigen::Matrix2d* J) const {
   Eigen::Vector2d distorted;
   if (!distortNormalized(normalized, &distorted, J)) return false;
   const Eigen::Vector2d focal = intrinsics_.intrinsics.head<2>();
@@ -155,7 +163,8 @@ std::optional<Eigen::Vector2d> CameraModel::undistort(const Eigen::Vector2d& pix
     estimate += J.inverse() * error;
   }
   Eigen::Vector2d distorted;
-  if (!distortNormalized(estimate, &distorted, nullptr) || (target - distorted).norm() > 1e-9) return std::nullopt;
+  if (!distortNormalized(estimate, &distorted, nullptr) || (target - distorted).norm() > 1e-9)
+    return std::nullopt;
   return estimate;
 }
 

@@ -2,7 +2,8 @@
 
 namespace autocal_vio {
 
-std::optional<Feature> makeFeature(const CameraModel& camera, std::int64_t track_id, const Eigen::Vector2d& pixel) {
+std::optional<Feature> makeFeature(const CameraModel& camera, std::int64_t track_id,
+                                   const Eigen::Vector2d& pixel) {
   const std::optional<Eigen::Vector2d> normalized = camera.undistort(pixel);
   if (!normalized) return std::nullopt;
   Feature feature;

@@ -14,7 +14,9 @@ ImuSample interpolate(const ImuSample& a, const ImuSample& b, TimeNs stamp) {
   return sample;
 }
 
-bool earlier(const ImuSample& sample, TimeNs stamp) { return sample.stamp < stamp; }
+bool earlier(const ImuSample& sample, TimeNs stamp) {
+  return sample.stamp < stamp;
+}
 
 }  // namespace
 
@@ -48,7 +50,8 @@ std::vector<ImuSample> ImuBuffer::slice(TimeNs begin, TimeNs end) const {
 TimeNs ImuBuffer::largestGap(TimeNs begin, TimeNs end) const {
   const std::vector<ImuSample> samples = slice(begin, end);
   TimeNs largest = 0;
-  for (std::size_t i = 1; i < samples.size(); ++i) largest = std::max(largest, samples[i].stamp - samples[i - 1].stamp);
+  for (std::size_t i = 1; i < samples.size(); ++i)
+    largest = std::max(largest, samples[i].stamp - samples[i - 1].stamp);
   return largest;
 }
 

@@ -4,13 +4,20 @@ namespace autocal_vio {
 
 const char* toString(VioState state) {
   switch (state) {
-    case VioState::kWaitingForData: return "waiting_for_data";
-    case VioState::kCalibratingRotation: return "calibrating_rotation";
-    case VioState::kCalibratingTranslation: return "calibrating_translation";
-    case VioState::kEstimating: return "estimating";
-    case VioState::kConverged: return "converged";
-    case VioState::kFrozen: return "frozen";
-    case VioState::kLost: return "lost";
+    case VioState::kWaitingForData:
+      return "waiting_for_data";
+    case VioState::kCalibratingRotation:
+      return "calibrating_rotation";
+    case VioState::kCalibratingTranslation:
+      return "calibrating_translation";
+    case VioState::kEstimating:
+      return "estimating";
+    case VioState::kConverged:
+      return "converged";
+    case VioState::kFrozen:
+      return "frozen";
+    case VioState::kLost:
+      return "lost";
   }
   return "unknown";
 }

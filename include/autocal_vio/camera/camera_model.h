@@ -51,7 +51,8 @@ class CameraModel {
   const CameraIntrinsics& intrinsics() const { return intrinsics_; }
 
  private:
-  bool distortNormalized(const Eigen::Vector2d& normalized, Eigen::Vector2d* distorted, Eigen::Matrix2d* J) const;
+  bool distortNormalized(const Eigen::Vector2d& normalized, Eigen::Vector2d* distorted,
+                         Eigen::Matrix2d* J) const;
 
   CameraIntrinsics intrinsics_;
   double max_radius_squared_;  ///< largest normalised radius^2 up to which the distortion is monotonic

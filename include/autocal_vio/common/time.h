@@ -11,10 +11,15 @@ using TimeNs = std::int64_t;
 
 constexpr TimeNs kNsPerSecond = 1000000000;
 
-/// Duration [ns] to seconds. Exact to 1 ns for durations below about 100 days; do not use it on absolute stamps.
-constexpr double toSeconds(TimeNs duration) { return static_cast<double>(duration) * 1e-9; }
+/// Duration [ns] to seconds. Exact to 1 ns for durations below about 100 days; do not use it on absolute
+/// stamps.
+constexpr double toSeconds(TimeNs duration) {
+  return static_cast<double>(duration) * 1e-9;
+}
 
 /// Seconds to nanoseconds, rounded to the nearest.
-inline TimeNs fromSeconds(double seconds) { return static_cast<TimeNs>(std::llround(seconds * 1e9)); }
+inline TimeNs fromSeconds(double seconds) {
+  return static_cast<TimeNs>(std::llround(seconds * 1e9));
+}
 
 }  // namespace autocal_vio

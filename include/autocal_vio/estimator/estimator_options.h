@@ -17,10 +17,13 @@ struct EstimatorOptions {
     visit("window_keyframes", window_keyframes, 4, 50, "keyframes in the window [-]");
     visit("max_landmarks", max_landmarks, 20, 1000, "landmarks in the window's problem [-]");
     visit("max_iterations", max_iterations, 1, 100, "solver iterations per image [-]");
-    visit("keyframe_parallax", keyframe_parallax, 1, 200, "mean rotation-compensated parallax that makes a keyframe [px]");
-    visit("keyframe_max_interval", keyframe_max_interval, 0.05, 10, "longest time between keyframes in motion [s]");
+    visit("keyframe_parallax", keyframe_parallax, 1, 200,
+          "mean rotation-compensated parallax that makes a keyframe [px]");
+    visit("keyframe_max_interval", keyframe_max_interval, 0.05, 10,
+          "longest time between keyframes in motion [s]");
     visit("pixel_sigma", pixel_sigma, 0.01, 20, "standard deviation of a tracked point [px]");
-    visit("huber_threshold", huber_threshold, 0.1, 100, "Huber threshold of a whitened reprojection residual [-]");
+    visit("huber_threshold", huber_threshold, 0.1, 100,
+          "Huber threshold of a whitened reprojection residual [-]");
     visit("gravity_magnitude", gravity_magnitude, 9.5, 10.0, "magnitude of gravity [m/s^2]");
   }
 };

@@ -14,9 +14,9 @@ namespace autocal_vio {
 /// One image point of a track.
 struct Feature {
   std::int64_t track_id = 0;
-  Eigen::Vector2d pixel = Eigen::Vector2d::Zero();                 ///< as measured, distorted [px]
-  Eigen::Vector2d normalized = Eigen::Vector2d::Zero();            ///< undistorted (x/z, y/z)
-  Eigen::Matrix2d pixel_jacobian = Eigen::Matrix2d::Identity();    ///< d pixel / d normalized [px]
+  Eigen::Vector2d pixel = Eigen::Vector2d::Zero();               ///< as measured, distorted [px]
+  Eigen::Vector2d normalized = Eigen::Vector2d::Zero();          ///< undistorted (x/z, y/z)
+  Eigen::Matrix2d pixel_jacobian = Eigen::Matrix2d::Identity();  ///< d pixel / d normalized [px]
 };
 
 /// All points tracked into one image, in ascending order of track_id.
@@ -26,6 +26,7 @@ struct FeatureFrame {
 };
 
 /// Completes a measured pixel to a Feature; nothing when the pixel cannot be undistorted.
-std::optional<Feature> makeFeature(const CameraModel& camera, std::int64_t track_id, const Eigen::Vector2d& pixel);
+std::optional<Feature> makeFeature(const CameraModel& camera, std::int64_t track_id,
+                                   const Eigen::Vector2d& pixel);
 
 }  // namespace autocal_vio

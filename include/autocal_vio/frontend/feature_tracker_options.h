@@ -18,8 +18,10 @@ struct FeatureTrackerOptions {
     visit("patch_size", patch_size, 5, 61, "side of the KLT patch [px]");
     visit("min_distance", min_distance, 2, 200, "least distance between corners [px]");
     visit("quality_level", quality_level, 1e-6, 1, "corner response relative to the best in the image [-]");
-    visit("forward_backward_threshold", forward_backward_threshold, 0.05, 20, "largest forward-backward error [px]");
-    visit("epipolar_threshold", epipolar_threshold, 0.1, 20, "outlier threshold of the two-view geometry [px]");
+    visit("forward_backward_threshold", forward_backward_threshold, 0.05, 20,
+          "largest forward-backward error [px]");
+    visit("epipolar_threshold", epipolar_threshold, 0.1, 20,
+          "outlier threshold of the two-view geometry [px]");
   }
 };
 

@@ -64,7 +64,9 @@ Vec3<T> logSo3(const Eigen::Quaternion<T>& q) {
 }
 
 /// Logarithm of a rotation matrix [rad].
-inline Eigen::Vector3d logSo3(const Eigen::Matrix3d& R) { return logSo3(Eigen::Quaterniond(R).normalized()); }
+inline Eigen::Vector3d logSo3(const Eigen::Matrix3d& R) {
+  return logSo3(Eigen::Quaterniond(R).normalized());
+}
 
 /// Right Jacobian: Exp(theta + d) = Exp(theta) Exp(Jr(theta) d) to first order.
 Eigen::Matrix3d rightJacobianSo3(const Eigen::Vector3d& theta);

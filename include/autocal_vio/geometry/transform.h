@@ -12,7 +12,8 @@ struct Transform {
   Eigen::Vector3d translation = Eigen::Vector3d::Zero();
 
   Transform() = default;
-  Transform(const Eigen::Quaterniond& q, const Eigen::Vector3d& p) : rotation(q.normalized()), translation(p) {}
+  Transform(const Eigen::Quaterniond& q, const Eigen::Vector3d& p)
+      : rotation(q.normalized()), translation(p) {}
   Transform(const Eigen::Matrix3d& R, const Eigen::Vector3d& p)
       : rotation(Eigen::Quaterniond(R).normalized()), translation(p) {}
 

@@ -22,14 +22,16 @@ class ImuBuffer {
   /// Linear interpolation at `stamp`; nothing outside the buffered span.
   std::optional<ImuSample> at(TimeNs stamp) const;
 
-  /// Samples covering [begin, end] with interpolated ones at both ends; empty when the buffer does not cover it.
-  /// At least two samples where begin < end.
+  /// Samples covering [begin, end] with interpolated ones at both ends; empty when the buffer does not cover
+  /// it. At least two samples where begin < end.
   std::vector<ImuSample> slice(TimeNs begin, TimeNs end) const;
 
   /// Longest interval between neighbouring samples within [begin, end] [ns].
   TimeNs largestGap(TimeNs begin, TimeNs end) const;
 
-  bool covers(TimeNs stamp) const { return !samples_.empty() && samples_.front().stamp <= stamp && stamp <= samples_.back().stamp; }
+  bool covers(TimeNs stamp) const {
+    return !samples_.empty() && samples_.front().stamp <= stamp && stamp <= samples_.back().stamp;
+  }
   bool empty() const { return samples_.empty(); }
   TimeNs oldest() const { return samples_.front().stamp; }
   TimeNs newest() const { return samples_.back().stamp; }

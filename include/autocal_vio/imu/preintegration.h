@@ -1,5 +1,5 @@
-// On-manifold IMU preintegration, Eq. (3)-(5) of the paper after Forster et al. (T-RO 2017), with covariance and
-// bias Jacobians.
+// On-manifold IMU preintegration, Eq. (3)-(5) of the paper after Forster et al. (T-RO 2017), with covariance
+// and bias Jacobians.
 #pragma once
 
 #include <Eigen/Core>
@@ -13,7 +13,8 @@ namespace autocal_vio {
 using Matrix15d = Eigen::Matrix<double, 15, 15>;
 using Vector9d = Eigen::Matrix<double, 9, 1>;
 
-/// Order of the 15 error states, everywhere: position, rotation, velocity, gyroscope bias, accelerometer bias.
+/// Order of the 15 error states, everywhere: position, rotation, velocity, gyroscope bias, accelerometer
+/// bias.
 enum StateOrder { kPosition = 0, kRotation = 3, kVelocity = 6, kGyroBias = 9, kAccelBias = 12 };
 
 /// Constant part of both biases over one interval.
@@ -26,7 +27,7 @@ struct ImuBias {
 struct ImuIncrement {
   Eigen::Quaterniond rotation = Eigen::Quaterniond::Identity();  ///< R_BiBj
   Eigen::Vector3d velocity = Eigen::Vector3d::Zero();            ///< in Bi, without gravity [m/s]
-  Eigen::Vector3d position = Eigen::Vector3d::Zero();            ///< in Bi, without gravity and initial velocity [m]
+  Eigen::Vector3d position = Eigen::Vector3d::Zero();  ///< in Bi, without gravity and initial velocity [m]
 };
 
 /// The increments between two stamps for one linearisation bias.

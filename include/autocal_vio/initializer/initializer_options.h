@@ -12,12 +12,14 @@ struct InitializerOptions {
 
   template <class Visitor>
   void visitFields(Visitor&& visit) {
-    visit("max_sigma_rotation_deg", max_sigma_rotation_deg, 0.01, 20, "R_BC is accepted below this sigma, worst axis [deg]");
+    visit("max_sigma_rotation_deg", max_sigma_rotation_deg, 0.01, 20,
+          "R_BC is accepted below this sigma, worst axis [deg]");
     visit("keyframe_interval", keyframe_interval, 0.02, 2, "time between keyframes of the structure [s]");
     visit("max_keyframes", max_keyframes, 6, 200, "keyframes of the structure, the newest [-]");
     visit("min_keyframes", min_keyframes, 5, 200, "keyframes before the first attempt [-]");
     visit("attempt_interval", attempt_interval, 0.05, 10, "time between attempts [s]");
-    visit("max_sigma_scale", max_sigma_scale, 0.001, 0.5, "odometry starts below this relative sigma of the scale [-]");
+    visit("max_sigma_scale", max_sigma_scale, 0.001, 0.5,
+          "odometry starts below this relative sigma of the scale [-]");
   }
 };
 

@@ -1,7 +1,7 @@
 // The one facade of the core: IMU samples and images in, VioUpdate values out.
 //
-// Deterministic and single-threaded: the same calls give the same updates, bit for bit. Own it from one thread
-// (pipeline/worker.h does that for live use).
+// Deterministic and single-threaded: the same calls give the same updates, bit for bit. Own it from one
+// thread (pipeline/worker.h does that for live use).
 #pragma once
 
 #include <functional>
@@ -35,8 +35,8 @@ class VioSystem {
  public:
   using UpdateSink = std::function<void(const VioUpdate&)>;
 
-  /// `rig.camera` must be set. Throws std::invalid_argument listing everything wrong with `rig` and `options`.
-  /// `sink` is called once for each image processed, from within the add* calls.
+  /// `rig.camera` must be set. Throws std::invalid_argument listing everything wrong with `rig` and
+  /// `options`. `sink` is called once for each image processed, from within the add* calls.
   VioSystem(const RigModel& rig, const VioOptions& options, UpdateSink sink);
   ~VioSystem();
   VioSystem(const VioSystem&) = delete;
@@ -47,7 +47,8 @@ class VioSystem {
   void addImu(const ImuSample& sample);
 
   /// Adds an image; it is processed as soon as the IMU covers its stamp + td.
-  /// Images of the wrong size or type, or out of order, are dropped and counted; `problem` (optional) says why.
+  /// Images of the wrong size or type, or out of order, are dropped and counted; `problem` (optional) says
+  /// why.
   bool addImage(const ImageFrame& image, std::string* problem = nullptr);
 
   /// Adds tracks instead of an image (feature-level simulation and tests).
