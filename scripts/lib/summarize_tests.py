@@ -12,6 +12,8 @@ import xml.etree.ElementTree as ElementTree
 
 # What gtest itself prints around a test's own lines.
 GTEST_NOISE = re.compile(r'^\[( *OK *|=+|-+| *RUN *| *PASSED *| *SKIPPED *|-*)\]|^Running main|^Note: |^\s*$')
+# A terminal's colour sequences, as ctest writes them into its results.
+COLOUR = re.compile(r'\[NON-XML-CHAR-0x1B\]\[[0-9;]*m')
 SHOWN_LINES_OF_A_FAILURE = 60
 
 
@@ -58,7 +60,7 @@ class Test:
     def __init__(self, case, results_dir):
         self.name = case.get('name')
         self.seconds = float(case.get('time') or 0)
-        self.output = case.findtext('system-out') or ''
+        self.output = COLOUR.sub('', case.findtext('system-out') or '')
         self.labels = [p.get('value') for p in case.iter('property') if p.get('name') == 'cmake_labels']
         failed = case.find('failure') is not None or case.get('status') == 'fail'
         skipped = case.find('skipped') is not None or case.get('status') in ('notrun', 'disabled')
