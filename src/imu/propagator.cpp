@@ -1,0 +1,69 @@
+#include "autocal_vio/imu/propagator.h"
+
+#include <vector>
+
+#include "autocal_vio/geometry/so3.h"
+
+namespace autocal_vio {
+
+Propagator::Propagator(double gravity_magnitude, TimeNs horizon)
+    : gravity_magnitude_(gravity_magnitude), horizon_(horizon), buffer_(horizon) {}
+
+std::optional<MotionState> Propagator::add(const ImuSample& sample) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (buffer_.add(sample) != ImuBuffer::AddResult::kAdded || !current_) return std::nullopt;
+  if (sample.stamp - rebased_at_ > horizon_) return std::nullopt;
+  const std::vector<ImuSample> samples = buffer_.slice(current_->stamp, sample.stamp);
+  if (samples.empty()) return std::nullopt;
+  for (std::size_t i = 1; i < samples.size(); ++i) {
+    propagate(samples[i - 1], samples[i], bias_, noise_, gravity_magnitude_, &*current_);
+  }
+  return current_;
+}
+
+void Propagator::rebase(const MotionState& state, const ImuBias& bias, const ImuNoise& noise) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  current_ = state;
+  rebased_at_ = state.stamp;
+  bias_ = bias;
+  noise_ = noise;
+}
+
+void Propagator::clear(bool samples_too) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  current_.reset();
+  if (samples_too) buffer_.clear();
+}
+
+void propagate(const ImuSample& begin, const ImuSample& end, const ImuBias& bias, const ImuNoise& noise,
+               double gravity_magnitude, MotionState* state) {
+  const double dt = toSeconds(end.stamp - begin.stamp);
+  const Eigen::Vector3d gravity_W(0.0, 0.0, -gravity_magnitude);
+  const Eigen::Vector3d rate = 0.5 * (begin.angular_velocity + end.angular_velocity) - bias.gyroscope;
+  const Eigen::Quaterniond R_begin = state->T_WB.rotation;
+  const Eigen::Quaterniond R_end = (R_begin * expSo3(Eigen::Vector3d(rate * dt))).normalized();
+  const Eigen::Vector3d force_W = 0.5 * (R_begin * (begin.acceleration - bias.accelerometer) +
+                                         R_end * (end.acceleration - bias.accelerometer));
+  const Eigen::Vector3d acceleration_W = force_W + gravity_W;
+
+  // Errors: position, rotation about W's axes, velocity. A tilt turns the specific force.
+  Matrix9d F = Matrix9d::Identity();
+  F.block<3, 3>(0, 3) = -0.5 * dt * dt * skew(force_W);
+  F.block<3, 3>(0, 6) = dt * Eigen::Matrix3d::Identity();
+  F.block<3, 3>(6, 3) = -dt * skew(force_W);
+  const double accel_variance = noise.accelerometer_noise_density * noise.accelerometer_noise_density;
+  const double gyro_variance = noise.gyroscope_noise_density * noise.gyroscope_noise_density;
+  Matrix9d covariance = F * state->covariance * F.transpose();
+  covariance.diagonal().segment<3>(0).array() += accel_variance * dt * dt * dt / 3.0;
+  covariance.diagonal().segment<3>(3).array() += gyro_variance * dt;
+  covariance.diagonal().segment<3>(6).array() += accel_variance * dt;
+
+  state->stamp = end.stamp;
+  state->T_WB.translation += dt * state->velocity_W + 0.5 * dt * dt * acceleration_W;
+  state->T_WB.rotation = R_end;
+  state->velocity_W += dt * acceleration_W;
+  state->angular_velocity_B = end.angular_velocity - bias.gyroscope;
+  state->covariance = 0.5 * (covariance + covariance.transpose());
+}
+
+}  // namespace autocal_vio
