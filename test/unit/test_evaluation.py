@@ -1,0 +1,104 @@
+#!/usr/bin/python3
+"""The evaluation scripts find exactly the errors that were put in."""
+import math
+import pathlib
+import sys
+import tempfile
+import unittest
+
+import numpy as np
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / 'scripts' / 'lib'))
+import evaluation  # noqa: E402
+
+
+def rotation(axis_angle):
+    angle = np.linalg.norm(axis_angle)
+    axis = np.asarray(axis_angle) / max(angle, 1e-300)
+    return np.append(math.sin(angle / 2) * axis, math.cos(angle / 2))
+
+
+def figure_eight(stamps):
+    positions = np.column_stack([np.sin(stamps), np.sin(2 * stamps), 0.3 * np.cos(stamps)])
+    quaternions = np.array([rotation([0.2 * math.sin(t), 0.1, t / 3]) for t in stamps])
+    return evaluation.Poses(stamps, positions, quaternions)
+
+
+def moved(poses, yaw, shift, scale=1.0):
+    positions = scale * poses.positions @ evaluation.yaw_matrix(yaw).T + shift
+    turn = np.broadcast_to(rotation([0, 0, yaw]), poses.quaternions.shape)
+    return evaluation.Poses(poses.stamps, positions, evaluation.multiply(turn, poses.quaternions))
+
+
+class Odometry(unittest.TestCase):
+    def setUp(self):
+        self.truth = figure_eight(np.arange(0, 20, 0.005))
+        self.stamps = np.arange(4.0, 18.0, 0.05)
+
+    def test_yaw_and_position_are_free(self):
+        estimate = moved(self.truth.at(self.stamps)[0], 2.1, [5, -3, 1])
+        figures = evaluation.score_odometry(estimate, self.truth)
+        self.assertLess(figures['ate_m'], 1e-9)
+        self.assertLess(figures['attitude_deg'], 1e-6)
+        self.assertAlmostEqual(figures['scale'], 1.0, 9)
+        self.assertAlmostEqual(figures['first_pose_s'], 4.0, 9)
+        self.assertAlmostEqual(figures['largest_gap_s'], 0.05, 9)
+
+    def test_scale_is_an_error(self):
+        estimate = moved(self.truth.at(self.stamps)[0], -0.4, [1, 2, 3], scale=1.25)
+        figures = evaluation.score_odometry(estimate, self.truth)
+        self.assertAlmostEqual(figures['scale'], 0.8, 9)
+        centred = self.truth.at(self.stamps)[0].positions
+        centred = centred - centred.mean(axis=0)
+        expected = 0.25 * math.sqrt(np.mean(np.sum(centred ** 2, axis=1)))
+        self.assertAlmostEqual(figures['ate_m'], expected, 9)
+
+    def test_roll_is_an_error(self):
+        tilt = rotation([math.radians(3.0), 0, 0])
+        poses = self.truth.at(self.stamps)[0]
+        quaternions = evaluation.multiply(poses.quaternions, np.broadcast_to(tilt, poses.quaternions.shape))
+        figures = evaluation.score_odometry(evaluation.Poses(poses.stamps, poses.positions, quaternions), self.truth)
+        self.assertAlmostEqual(figures['attitude_deg'], 3.0, 6)
+
+    def test_no_pose_scores_no_coverage(self):
+        nothing = evaluation.Poses([], [], [])
+        self.assertEqual(evaluation.score_odometry(nothing, self.truth)['coverage'], 0.0)
+
+
+class Calibration(unittest.TestCase):
+    HEADER = ('stamp_s,px,py,pz,qx,qy,qz,qw,sigma_px,sigma_py,sigma_pz,sigma_rx,sigma_ry,sigma_rz,td,sigma_td,'
+              'state\n')
+
+    def extrinsics(self, rows):
+        with tempfile.NamedTemporaryFile('w', suffix='.csv') as file:
+            file.write(self.HEADER)
+            for stamp, p, q, state in rows:
+                values = [stamp, *p, *q, 0.01, 0.01, 0.01, 0.002, 0.002, 0.002, 0.004, 0.001]
+                file.write(','.join('%.12f' % value for value in values) + ',' + state + '\n')
+            file.flush()
+            return evaluation.Extrinsics(file.name)
+
+    def test_errors_and_times(self):
+        p, q = np.array([0.1, -0.2, 0.05]), rotation([0.4, -1.0, 0.3])
+        off = evaluation.multiply(q, rotation([0.0, 0.003, 0.0]))
+        rows = [(100.0, p + [0.5, 0, 0], q, 'estimating'), (101.0, p, -q, 'estimating'),
+                (102.0, p + [0, 0.012, 0], off, 'converged')]
+        figures = evaluation.score_extrinsics(self.extrinsics(rows), (p, q, 0.001))
+        self.assertAlmostEqual(figures['rotation_deg'], math.degrees(0.003), 6)
+        self.assertAlmostEqual(figures['translation_m'], 0.012, 9)
+        self.assertAlmostEqual(figures['rotation_sigmas'], 1.5, 6)
+        self.assertAlmostEqual(figures['translation_sigmas'], 1.2, 6)
+        self.assertAlmostEqual(figures['td_ms'], 3.0, 6)
+        self.assertAlmostEqual(figures['within_bounds_s'], 1.0, 9)
+        self.assertAlmostEqual(figures['says_converged_s'], 2.0, 9)
+
+    def test_quaternion_from_matrix(self):
+        for axis_angle in ([0.1, 0.2, 0.3], [math.pi, 0, 0], [0, -2.0, 2.0], [0, 0, 0]):
+            q = rotation(axis_angle)
+            columns = [evaluation.multiply(evaluation.multiply(q, np.append(e, 0.0)), evaluation.inverse(q))[:3]
+                       for e in np.eye(3)]
+            recovered = evaluation.quaternion_from_matrix(np.column_stack(columns))
+            self.assertLess(np.linalg.norm(evaluation.log(evaluation.multiply(evaluation.inverse(q), recovered))), 1e-9)
+
+
+unittest.main()
