@@ -7,7 +7,9 @@ Eigen::Matrix3d rightJacobianSo3(const Eigen::Vector3d& theta) {
   const Eigen::Matrix3d K = skew(theta);
   if (squared < 1e-10) return Eigen::Matrix3d::Identity() - 0.5 * K + K * K / 6.0;
   const double angle = std::sqrt(squared);
-  return Eigen::Matrix3d::Identity() - (1.0 - std::cos(angle)) / squared * K +
+  // 2 sin^2(angle/2) is 1 - cos(angle) without the cancellation.
+  const double half_sine = std::sin(0.5 * angle);
+  return Eigen::Matrix3d::Identity() - 2.0 * half_sine * half_sine / squared * K +
          (angle - std::sin(angle)) / (squared * angle) * K * K;
 }
 
