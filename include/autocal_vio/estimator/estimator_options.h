@@ -6,11 +6,12 @@ struct EstimatorOptions {
   int window_keyframes = 10;
   int max_landmarks = 150;
   int max_iterations = 6;
-  double keyframe_parallax = 12.0;
+  double keyframe_parallax = 20.0;
   double keyframe_max_interval = 0.5;
   double pixel_sigma = 1.0;
   double huber_threshold = 1.5;
   double gravity_magnitude = 9.81;
+  double sigma_inflation = 2.0;
 
   template <class Visitor>
   void visitFields(Visitor&& visit) {
@@ -25,6 +26,7 @@ struct EstimatorOptions {
     visit("huber_threshold", huber_threshold, 0.1, 100,
           "Huber threshold of a whitened reprojection residual [-]");
     visit("gravity_magnitude", gravity_magnitude, 9.5, 10.0, "magnitude of gravity [m/s^2]");
+    visit("sigma_inflation", sigma_inflation, 1, 20, "published sigmas over those of white noise: tracking errors are correlated in time [-]");
   }
 };
 

@@ -60,22 +60,28 @@ class DiagonalPriorFactor final : public ceres::SizedCostFunction<N, N> {
   Vector mean_, inverse_sigma_;
 };
 
-/// Prior on a landmark's inverse depth, so weak that it only matters without parallax.
-/// Residual: (rho - mean) / sigma. Block: landmark [alpha beta rho] (3).
-class InverseDepthPriorFactor final : public ceres::SizedCostFunction<1, 3> {
+/// Prior on a landmark's inverse depth, so weak that it only matters without parallax, and a wall against points
+/// behind the anchor. Residual: (rho - mean) / sigma, and rho / kBehindSigma where rho < 0.
+/// Block: landmark [alpha beta rho] (3).
+/// Two rows, as a reprojection has, let Ceres use its Schur eliminator for fixed sizes.
+class InverseDepthPriorFactor final : public ceres::SizedCostFunction<2, 3> {
  public:
   InverseDepthPriorFactor(double mean, double sigma) : mean_(mean), inverse_sigma_(1.0 / sigma) {}
 
   bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
-    residuals[0] = (parameters[0][2] - mean_) * inverse_sigma_;
+    const double rho = parameters[0][2];
+    residuals[0] = (rho - mean_) * inverse_sigma_;
+    residuals[1] = rho < 0.0 ? rho / kBehindSigma : 0.0;
     if (jacobians && jacobians[0]) {
-      jacobians[0][0] = jacobians[0][1] = 0.0;
+      for (int i = 0; i < 6; ++i) jacobians[0][i] = 0.0;
       jacobians[0][2] = inverse_sigma_;
+      jacobians[0][5] = rho < 0.0 ? 1.0 / kBehindSigma : 0.0;
     }
     return true;
   }
 
  private:
+  static constexpr double kBehindSigma = 0.02;  // [1/m]
   double mean_, inverse_sigma_;
 };
 

@@ -70,6 +70,7 @@ struct StageTimes {
 
 /// A tracked image point, for drawing.
 struct TrackView {
+  std::int64_t id = 0;
   Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
   int age = 1;               ///< images it has been seen in
   bool in_estimate = false;  ///< used as a landmark by the estimator

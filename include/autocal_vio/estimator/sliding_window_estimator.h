@@ -1,0 +1,59 @@
+// Fixed-lag estimation of pose, velocity, biases, extrinsics and time offset. Paper section 4.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "autocal_vio/estimator/estimator_options.h"
+#include "autocal_vio/graph/noise_adaptation.h"
+#include "autocal_vio/graph/visual_inertial_graph.h"
+#include "autocal_vio/imu/imu_buffer.h"
+
+namespace autocal_vio {
+
+struct EstimatorResult {
+  bool healthy = true;
+  std::string problem;  ///< in words, when not healthy
+  bool keyframe = false;
+};
+
+class SlidingWindowEstimator {
+ public:
+  /// Takes over the initialiser's solved graph and marginalises it down to the window.
+  SlidingWindowEstimator(VisualInertialGraph graph, const NoiseAdaptation& noise, const EstimatorOptions& options);
+
+  /// Processes the next image's tracks; the IMU must cover its stamp + td and the time since the last image.
+  EstimatorResult process(const FeatureFrame& frame, const ImuBuffer& imu);
+
+  /// Holds or releases parts of the calibration.
+  void hold(bool rotation, bool translation, bool time_offset);
+
+  const VisualInertialGraph& graph() const { return graph_; }
+  const FrameState& newest() const { return graph_.frames().back(); }
+  const NoiseFactors& noiseFactors() const { return noise_.factors(); }
+
+  /// Covariance as of the last keyframe; the frame it holds for.
+  const std::optional<GraphCovariance>& covariance() const { return covariance_; }
+  FrameId covarianceFrame() const { return covariance_frame_; }
+
+ private:
+  bool isKeyframe() const;
+  void adaptNoise();
+  void adaptPixelSigma();
+  std::string findFault() const;
+
+  EstimatorOptions options_;
+  VisualInertialGraph graph_;
+  NoiseAdaptation noise_;
+  bool newest_is_keyframe_ = true;
+  std::optional<GraphCovariance> covariance_;
+  FrameId covariance_frame_ = 0;
+};
+
+/// Appends a frame to a graph, predicted by the IMU from the newest one. False with the problem in words when the
+/// IMU does not cover the interval.
+bool appendPredictedFrame(const FeatureFrame& frame, const ImuBuffer& imu, const ImuNoise& noise,
+                          VisualInertialGraph* graph, std::string* problem);
+
+}  // namespace autocal_vio

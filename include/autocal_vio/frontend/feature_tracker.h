@@ -1,0 +1,48 @@
+// Tracks corners from image to image by pyramidal KLT.
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <opencv2/core/mat.hpp>
+#include <opencv2/core/types.hpp>
+#include <optional>
+#include <vector>
+
+#include "autocal_vio/frontend/feature.h"
+#include "autocal_vio/frontend/feature_tracker_options.h"
+
+namespace autocal_vio {
+
+/// Deterministic, not thread-safe. An image without texture gives few features or none; it never throws for what an
+/// image shows.
+class FeatureTracker {
+ public:
+  FeatureTracker(const CameraModel& camera, const FeatureTrackerOptions& options);
+
+  /// Tracks into `image` (CV_8UC1, the camera's size) and fills up with new corners.
+  /// `R_previous_current`: predicted rotation, takes coordinates of the current camera frame to the previous one.
+  FeatureFrame track(TimeNs stamp, const cv::Mat& image, const std::optional<Eigen::Matrix3d>& R_previous_current);
+
+  /// Forgets all tracks; ids are not used again.
+  void reset();
+
+ private:
+  struct Track {
+    std::int64_t id;
+    cv::Point2f pixel;
+    Feature feature;
+  };
+
+  std::vector<cv::Point2f> predict(const std::optional<Eigen::Matrix3d>& R_previous_current) const;
+  void trackForward(const std::vector<cv::Mat>& pyramid, const std::optional<Eigen::Matrix3d>& R_previous_current);
+  void rejectOutliers(const std::vector<Feature>& before);
+  void detect(const cv::Mat& image);
+
+  CameraModel camera_;
+  FeatureTrackerOptions options_;
+  std::vector<cv::Mat> pyramid_;  ///< of the previous image
+  std::vector<Track> tracks_;     ///< in ascending order of id
+  std::int64_t next_id_ = 0;
+};
+
+}  // namespace autocal_vio

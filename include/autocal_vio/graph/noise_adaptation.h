@@ -1,0 +1,53 @@
+// Finds the IMU's noise level from residuals (variance components, Helmert's estimator).
+//
+// The noise in flight is many times the data sheet's (vibration), at rest it is not, and no user knows the factor.
+// The residual of a preintegrated interval has covariance C = f_a^2 C_a + f_g^2 C_g + C_w; with M_k = C^-1 C_k C^-1,
+// E[r^T M_k r] = tr(M_k (C - A P A^T)) when the factors f are right, where A P A^T is what the states absorbed.
+#pragma once
+
+#include <string>
+
+#include "autocal_vio/graph/visual_inertial_graph.h"
+#include "autocal_vio/imu/imu_types.h"
+
+namespace autocal_vio {
+
+/// True noise densities over those of the rig file [-].
+struct NoiseFactors {
+  double accelerometer = 1.0;
+  double gyroscope = 1.0;
+};
+
+ImuNoise scaled(const ImuNoise& noise, const NoiseFactors& factors);
+
+class NoiseAdaptation {
+ public:
+  /// `nominal`: the rig file's noise. Factors stay within [1, largest].
+  NoiseAdaptation(const ImuNoise& nominal, double largest) : nominal_(nominal), largest_(largest) {}
+
+  /// Adds the evidence of the interval that ends at frame `index` of the solved graph.
+  void addInterval(const VisualInertialGraph& graph, const GraphCovariance& covariance, std::size_t index);
+
+  /// Moves the factors to what the evidence since the last update says, and lets old evidence fade.
+  void update();
+
+  const NoiseFactors& factors() const { return factors_; }
+  ImuNoise noise() const { return scaled(nominal_, factors_); }
+
+ private:
+  struct Evidence {
+    double observed = 0.0, expected = 0.0;
+  };
+
+  ImuNoise nominal_;
+  double largest_;
+  NoiseFactors factors_;
+  Evidence accelerometer_, gyroscope_;
+};
+
+/// Solves a batch, then finds the IMU's noise level from all its intervals and solves again, a few times over:
+/// without it a vibrating IMU is trusted too much and spoils the calibration. Reprojections above `outlier_px` are
+/// dropped on the way. Returns why it failed; empty on success.
+std::string solveAdaptingNoise(int max_iterations, double outlier_px, VisualInertialGraph* graph, NoiseAdaptation* noise);
+
+}  // namespace autocal_vio

@@ -1,0 +1,140 @@
+// The estimation problem: frames, landmarks, calibration and prior; solved by Ceres, shrunk by marginalisation.
+//
+// The initialiser fills one with its keyframes and solves it as a batch; the estimator takes the same graph over,
+// marginalises it down to its window, and goes on. So nothing learned in the initialisation is lost.
+#pragma once
+
+#include <Eigen/Core>
+#include <deque>
+#include <optional>
+#include <vector>
+
+#include "autocal_vio/factors/prior_factors.h"
+#include "autocal_vio/graph/factor.h"
+#include "autocal_vio/graph/frame_state.h"
+#include "autocal_vio/graph/landmark_map.h"
+#include "autocal_vio/graph/linear_system.h"
+
+namespace autocal_vio {
+
+struct GraphOptions {
+  double pixel_sigma = 1.0;         ///< [px]
+  double huber_threshold = 1.5;     ///< of a whitened reprojection residual's norm [-]
+  double gravity_magnitude = 9.81;  ///< [m/s^2]
+  int shortest_landmark = 5;        ///< observations
+  int longest_landmark = 9;         ///< observations
+};
+
+/// Gaussian prior on the calibration, kept for as long as the graph lives.
+struct CalibrationPrior {
+  Transform T_BC;
+  Eigen::Vector3d sigma_translation = Eigen::Vector3d::Constant(0.5);  ///< [m]
+  Eigen::Vector3d sigma_rotation = Eigen::Vector3d::Constant(10.0);    ///< [rad]
+  double td = 0.0;
+  double sigma_td = 0.05;  ///< [s]
+};
+
+struct SolveSummary {
+  bool usable = false;
+  int iterations = 0;
+  double final_cost = 0.0;
+};
+
+/// Covariance of all states but landmarks, in their tangents.
+class GraphCovariance {
+ public:
+  GraphCovariance(std::vector<BlockKey> keys, Eigen::MatrixXd covariance);
+  /// Covariance between two states; empty when one of them is unknown or held.
+  Eigen::MatrixXd block(const BlockKey& row, const BlockKey& column) const;
+  Eigen::MatrixXd block(const BlockKey& key) const { return block(key, key); }
+
+ private:
+  std::vector<BlockKey> keys_;
+  std::vector<int> offsets_;
+  Eigen::MatrixXd covariance_;
+};
+
+class VisualInertialGraph {
+ public:
+  VisualInertialGraph(const GraphOptions& options, const CalibrationPrior& prior);
+
+  /// Fixes position and yaw of the first frame (the gauge) and adds priors on its biases [rad/s, m/s^2].
+  void anchorFirstFrame(double sigma_gyroscope_bias, double sigma_accelerometer_bias);
+
+  /// Appends a frame; all but the first need `preintegration` from the frame before.
+  void addFrame(FrameState frame);
+
+  /// Takes the frame before the newest out, with its image; the IMU's intervals are joined.
+  void dropSecondNewest();
+
+  /// Turns the oldest frame, and all landmarks seen in it, into the prior.
+  void marginalizeOldest();
+
+  /// Solves for all states.
+  SolveSummary solve(int max_iterations, double function_tolerance = 1e-6);
+
+  /// Solves for the newest frame's pose, velocity and biases alone, everything else held.
+  SolveSummary solveNewest(int max_iterations);
+
+  /// Drops reprojections above `threshold_px`; returns how many.
+  int dropOutliers(double threshold_px);
+
+  /// Nothing when the problem is singular.
+  std::optional<GraphCovariance> covariance() const;
+
+  /// RMS pixel error of all observations (robustly: of those below 5 sigma), and how many there are.
+  double pixelRms(int* count = nullptr) const;
+
+  std::vector<Factor> imuFactors() const;
+
+  const std::deque<FrameState>& frames() const { return frames_; }
+  std::deque<FrameState>& frames() { return frames_; }
+  LandmarkMap& landmarkMap() { return landmarks_; }
+  const LandmarkMap& landmarkMap() const { return landmarks_; }
+  CalibrationState& calibration() { return calibration_; }
+  const CalibrationState& calibration() const { return calibration_; }
+  GraphOptions& options() { return options_; }
+  const GraphOptions& optionsView() const { return options_; }
+  Eigen::Vector3d gravity_W() const { return Eigen::Vector3d(0, 0, -options_.gravity_magnitude); }
+  FrameId nextFrameId() { return next_frame_id_++; }
+
+ private:
+  struct FirstFramePrior {
+    FrameId frame;
+    Transform T_WB;
+    Eigen::Matrix<double, 6, 6> pose_sqrt_information;
+    Vector9d motion_mean, motion_sigma;
+  };
+  struct MarginalPrior {
+    std::vector<BlockKey> keys;
+    std::vector<Eigen::VectorXd> linearization_points;
+    Eigen::MatrixXd jacobian;
+    Eigen::VectorXd residual;
+  };
+
+  Block blockOf(const BlockKey& key) const;
+  bool isHeld(BlockKind kind) const;
+  std::vector<BlockKey> stateKeys() const;
+  std::vector<Block> blocksOf(const std::vector<BlockKey>& keys) const;
+  Factor imuFactor(std::size_t frame_index) const;
+  Factor reprojectionFactor(const Landmark& landmark, const Observation& observation, const FrameState& frame) const;
+  void appendLandmarkFactors(const Landmark& landmark, std::vector<Factor>* factors) const;
+  std::vector<Factor> newestFrameFactors() const;
+  void appendFirstFramePrior(std::vector<Factor>* factors) const;
+  void appendMarginalPrior(std::vector<Factor>* factors) const;
+  void appendCalibrationPrior(std::vector<Factor>* factors) const;
+  std::vector<Factor> allFactors() const;
+  const FrameState* findFrame(FrameId id) const;
+  void setPrior(const std::vector<BlockKey>& keys, const LinearSystem& system);
+
+  GraphOptions options_;
+  CalibrationPrior calibration_prior_;
+  CalibrationState calibration_;
+  std::deque<FrameState> frames_;
+  LandmarkMap landmarks_;
+  std::optional<FirstFramePrior> first_frame_prior_;
+  std::optional<MarginalPrior> marginal_prior_;
+  FrameId next_frame_id_ = 0;
+};
+
+}  // namespace autocal_vio

@@ -1,0 +1,89 @@
+// From tracks and IMU samples, with nothing known, to a calibrated, metric, gravity-aligned estimation problem.
+// Paper section 3: rotation and gyroscope bias, visual structure, scale, gravity and translation, then bundle
+// adjustment of everything; each step is accepted on its own covariance, never on the clock.
+#pragma once
+
+#include <Eigen/Core>
+#include <deque>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "autocal_vio/graph/noise_adaptation.h"
+#include "autocal_vio/graph/visual_inertial_graph.h"
+#include "autocal_vio/imu/imu_buffer.h"
+#include "autocal_vio/initializer/initializer_options.h"
+#include "autocal_vio/initializer/rotation_calibrator.h"
+#include "autocal_vio/rig/rig_model.h"
+
+namespace autocal_vio {
+
+/// What is known so far, for the status. Sigmas are one sigma.
+struct InitializerStatus {
+  bool rotation_known = false;  ///< R_BC accepted, or given as a prior
+  std::string reason;           ///< what is missing, in words
+  std::string motion_advice;    ///< which motion would help
+  RotationEstimate rotation;    ///< of the rotation step
+  double scale = 0.0;           ///< of the last attempt at the linear steps [m per structure unit]; 0: none
+  double sigma_scale = 1e3;     ///< relative
+  Eigen::Vector3d gravity_C0 = Eigen::Vector3d::Zero();  ///< in the first keyframe's camera [m/s^2]
+  double sigma_gravity = 1e3;                            ///< [rad]
+  Eigen::Vector3d p_BC = Eigen::Vector3d::Zero();        ///< [m]
+  Eigen::Vector3d sigma_p_BC = Eigen::Vector3d::Constant(1e3);
+  Eigen::Vector3d accelerometer_bias = Eigen::Vector3d::Zero();  ///< [m/s^2]
+  Eigen::Vector3d sigma_accelerometer_bias = Eigen::Vector3d::Constant(1e3);
+  int attempts = 0;  ///< at scale and gravity
+};
+
+/// The solved problem that the estimator takes over.
+struct InitializedProblem {
+  VisualInertialGraph graph;
+  NoiseAdaptation noise;
+};
+
+class CalibratingInitializer {
+ public:
+  /// `focal_length` [px]. `prior`: calibration known beforehand; its rotation replaces the rotation step.
+  CalibratingInitializer(double focal_length, const ImuNoise& noise, const std::optional<ExtrinsicsPrior>& prior,
+                         const TimeOffsetPrior& time_offset, const InitializerOptions& options,
+                         const RotationCalibratorOptions& rotation_options, const GraphOptions& graph_options);
+
+  /// Adds the tracks of the next image; the IMU covers its stamp + td(). Returns the problem once solved.
+  std::optional<InitializedProblem> addFrame(const FeatureFrame& frame, const ImuBuffer& imu);
+
+  const InitializerStatus& status() const { return status_; }
+
+  /// The present guess of the time offset [s].
+  double td() const;
+  /// R_BC once known.
+  std::optional<Eigen::Quaterniond> rotation() const;
+  Eigen::Vector3d gyroscopeBias() const;
+
+ private:
+  struct Attempt;  // the intermediate results of one attempt
+
+  bool isKeyframe(const FeatureFrame& frame) const;
+  bool attemptDue(const FeatureFrame& frame) const;
+  std::optional<InitializedProblem> attempt(const ImuBuffer& imu);
+  bool preintegrate(const ImuBuffer& imu, Attempt* attempt);
+  bool reconstruct(Attempt* attempt);
+  bool align(Attempt* attempt);
+  InitializedProblem buildProblem(const Attempt& attempt) const;
+  bool refine(InitializedProblem* problem);
+  bool judge(const InitializedProblem& problem);
+  bool fail(const std::string& reason, const std::string& advice);
+
+  double focal_length_;
+  ImuNoise noise_;
+  std::optional<ExtrinsicsPrior> prior_;
+  TimeOffsetPrior time_offset_prior_;
+  InitializerOptions options_;
+  GraphOptions graph_options_;
+  RotationCalibrator rotation_calibrator_;
+  std::deque<FeatureFrame> keyframes_;
+  TimeNs last_attempt_ = 0;
+  InitializerStatus status_;
+};
+
+}  // namespace autocal_vio

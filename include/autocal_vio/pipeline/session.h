@@ -1,0 +1,58 @@
+// One run of calibration and estimation, from nothing or a prior until it is lost or reset.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "autocal_vio/estimator/extrinsic_monitor.h"
+#include "autocal_vio/estimator/sliding_window_estimator.h"
+#include "autocal_vio/initializer/calibrating_initializer.h"
+#include "autocal_vio/pipeline/vio_options.h"
+#include "autocal_vio/pipeline/vio_update.h"
+#include "autocal_vio/rig/rig_model.h"
+
+namespace autocal_vio {
+
+class Session {
+ public:
+  /// `start_pose`: where the odometry begins (its roll and pitch are ignored: gravity gives them).
+  Session(double focal_length, const RigModel& rig, const VioOptions& options, const std::optional<Transform>& start_pose);
+
+  /// Processes one image's tracks and fills state, reason, odometry and calibration of `update`.
+  /// False when the estimate was lost; the session is then of no further use.
+  bool process(const FeatureFrame& frame, const ImuBuffer& imu, VioUpdate* update);
+
+  void hold(bool rotation, bool translation, bool time_offset);
+
+  bool estimating() const { return estimator_ != nullptr; }
+  /// Present time offset [s].
+  double td() const;
+  /// Rotation from the current camera frame to that of `previous` predicted by the gyroscope; nothing while R_BC is
+  /// unknown or the IMU does not cover both instants.
+  std::optional<Eigen::Matrix3d> predictedRotation(TimeNs previous, TimeNs current, const ImuBuffer& imu) const;
+  /// The calibration so far as a prior for the next session; nothing where it never got that far.
+  std::optional<ExtrinsicsPrior> calibrationPrior() const;
+  /// Pose of the last estimate in the odometry frame.
+  std::optional<Transform> lastPose() const;
+
+ private:
+  bool initialize(const FeatureFrame& frame, const ImuBuffer& imu, VioUpdate* update);
+  void startEstimator(InitializedProblem problem);
+  void fillFromInitializer(VioUpdate* update) const;
+  void fillFromEstimator(const ImuBuffer& imu, VioUpdate* update);
+  void fillOdometry(VioUpdate* update) const;
+  void fillCalibration(VioUpdate* update) const;
+  void fillState(VioUpdate* update) const;
+
+  VioOptions options_;
+  ImuNoise noise_;
+  std::optional<Transform> start_pose_;
+  std::unique_ptr<CalibratingInitializer> initializer_;
+  std::unique_ptr<SlidingWindowEstimator> estimator_;
+  ExtrinsicMonitor monitor_;
+  Transform T_odom_W_;  ///< yaw and translation only
+  bool hold_rotation_ = false, hold_translation_ = false, hold_td_ = false;
+};
+
+}  // namespace autocal_vio

@@ -1,0 +1,122 @@
+#include "autocal_vio/frontend/feature_tracker.h"
+
+#include <algorithm>
+#include <cmath>
+#include <opencv2/calib3d.hpp>
+#include <opencv2/imgproc.hpp>
+#include <opencv2/video/tracking.hpp>
+#include <utility>
+
+namespace autocal_vio {
+namespace {
+
+constexpr double kBorder = 4.0;             // [px] a patch nearer to the edge is mostly outside
+constexpr double kRefillBelow = 0.9;        // share of max_features below which corners are searched
+constexpr std::size_t kMinForOutliers = 12;  // tracks for a two-view geometry
+constexpr double kMinEigenvalue = 1e-4;     // of the patch's gradient matrix: below it is no texture
+const cv::TermCriteria kTermination(cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 30, 0.01);
+
+cv::Point2f toCv(const Eigen::Vector2d& v) { return {static_cast<float>(v.x()), static_cast<float>(v.y())}; }
+
+}  // namespace
+
+FeatureTracker::FeatureTracker(const CameraModel& camera, const FeatureTrackerOptions& options)
+    : camera_(camera), options_(options) {}
+
+void FeatureTracker::reset() {
+  tracks_.clear();
+  pyramid_.clear();
+}
+
+FeatureFrame FeatureTracker::track(TimeNs stamp, const cv::Mat& image,
+                                   const std::optional<Eigen::Matrix3d>& R_previous_current) {
+  std::vector<cv::Mat> pyramid;
+  const cv::Size patch(options_.patch_size, options_.patch_size);
+  cv::buildOpticalFlowPyramid(image, pyramid, patch, options_.pyramid_levels);
+  if (!pyramid_.empty() && !tracks_.empty()) trackForward(pyramid, R_previous_current);
+  if (static_cast<double>(tracks_.size()) < kRefillBelow * options_.max_features) detect(image);
+  pyramid_ = std::move(pyramid);
+
+  FeatureFrame frame;
+  frame.stamp = stamp;
+  for (const Track& track : tracks_) frame.features.push_back(track.feature);
+  return frame;
+}
+
+std::vector<cv::Point2f> FeatureTracker::predict(const std::optional<Eigen::Matrix3d>& R_previous_current) const {
+  std::vector<cv::Point2f> predicted;
+  for (const Track& track : tracks_) {
+    cv::Point2f guess = track.pixel;
+    if (R_previous_current) {
+      const Eigen::Vector3d direction = R_previous_current->transpose() * track.feature.normalized.homogeneous();
+      Eigen::Vector2d pixel;
+      if (camera_.project(direction, &pixel)) guess = toCv(pixel);
+    }
+    predicted.push_back(guess);
+  }
+  return predicted;
+}
+
+void FeatureTracker::trackForward(const std::vector<cv::Mat>& pyramid,
+                                  const std::optional<Eigen::Matrix3d>& R_previous_current) {
+  std::vector<cv::Point2f> before, after = predict(R_previous_current);
+  for (const Track& track : tracks_) before.push_back(track.pixel);
+  std::vector<cv::Point2f> back = before;
+  std::vector<uchar> forward_found, backward_found;
+  const cv::Size patch(options_.patch_size, options_.patch_size);
+  cv::calcOpticalFlowPyrLK(pyramid_, pyramid, before, after, forward_found, cv::noArray(), patch,
+                           options_.pyramid_levels, kTermination, cv::OPTFLOW_USE_INITIAL_FLOW, kMinEigenvalue);
+  cv::calcOpticalFlowPyrLK(pyramid, pyramid_, after, back, backward_found, cv::noArray(), patch,
+                           std::min(1, options_.pyramid_levels), kTermination, cv::OPTFLOW_USE_INITIAL_FLOW,
+                           kMinEigenvalue);
+  std::vector<Track> kept;
+  std::vector<Feature> features_before;
+  for (std::size_t i = 0; i < tracks_.size(); ++i) {
+    const cv::Point2f difference = back[i] - before[i];
+    const double error = std::hypot(difference.x, difference.y);
+    if (!forward_found[i] || !backward_found[i] || !(error < options_.forward_backward_threshold)) continue;
+    const Eigen::Vector2d pixel(after[i].x, after[i].y);
+    if (!camera_.contains(pixel, kBorder)) continue;
+    const std::optional<Feature> feature = makeFeature(camera_, tracks_[i].id, pixel);
+    if (!feature) continue;
+    features_before.push_back(tracks_[i].feature);
+    kept.push_back({tracks_[i].id, after[i], *feature});
+  }
+  tracks_ = std::move(kept);
+  rejectOutliers(features_before);
+}
+
+void FeatureTracker::rejectOutliers(const std::vector<Feature>& before) {
+  if (tracks_.size() < kMinForOutliers) return;
+  // Undistorted pixels of a camera with the mean focal length, so that the threshold is in pixels.
+  const double focal = camera_.focalLength();
+  std::vector<cv::Point2f> from, to;
+  for (std::size_t i = 0; i < tracks_.size(); ++i) {
+    from.push_back(toCv(focal * before[i].normalized));
+    to.push_back(toCv(focal * tracks_[i].feature.normalized));
+  }
+  std::vector<uchar> inlier;
+  const cv::Mat F = cv::findFundamentalMat(from, to, cv::FM_RANSAC, options_.epipolar_threshold, 0.99, inlier);
+  if (F.empty() || inlier.size() != tracks_.size()) return;
+  std::vector<Track> kept;
+  for (std::size_t i = 0; i < tracks_.size(); ++i)
+    if (inlier[i]) kept.push_back(tracks_[i]);
+  tracks_ = std::move(kept);
+}
+
+void FeatureTracker::detect(const cv::Mat& image) {
+  cv::Mat mask(image.size(), CV_8UC1, cv::Scalar(255));
+  const int radius = static_cast<int>(std::lround(options_.min_distance));
+  for (const Track& track : tracks_) cv::circle(mask, track.pixel, radius, cv::Scalar(0), cv::FILLED);
+  const int wanted = options_.max_features - static_cast<int>(tracks_.size());
+  std::vector<cv::Point2f> corners;
+  cv::goodFeaturesToTrack(image, corners, wanted, options_.quality_level, options_.min_distance, mask, 3);
+  for (const cv::Point2f& corner : corners) {
+    const Eigen::Vector2d pixel(corner.x, corner.y);
+    if (!camera_.contains(pixel, kBorder)) continue;
+    const std::optional<Feature> feature = makeFeature(camera_, next_id_, pixel);
+    if (feature) tracks_.push_back({next_id_++, corner, *feature});
+  }
+}
+
+}  // namespace autocal_vio

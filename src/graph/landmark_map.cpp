@@ -1,0 +1,166 @@
+#include "autocal_vio/graph/landmark_map.h"
+
+#include <algorithm>
+#include <limits>
+
+#include "autocal_vio/factors/reprojection_factor.h"
+#include "autocal_vio/geometry/so3.h"
+
+namespace autocal_vio {
+namespace {
+
+constexpr double kDefaultInverseDepth = 0.25;  // [1/m]
+constexpr double kMinInverseDepth = 0.01;      // [1/m]
+constexpr double kMaxInverseDepth = 5.0;       // [1/m]
+constexpr double kMinParallaxPx = 1.0;         // below it triangulation says nothing about depth
+
+const FrameState* findFrame(const std::deque<FrameState>& frames, FrameId id) {
+  const auto it = std::lower_bound(frames.begin(), frames.end(), id,
+                                   [](const FrameState& frame, FrameId wanted) { return frame.id < wanted; });
+  return it != frames.end() && it->id == id ? &*it : nullptr;
+}
+
+// Pose of the camera at the image's instant, td included to first order.
+Transform cameraPose(const FrameState& frame, const CalibrationState& calibration) {
+  const double shift = calibration.td - frame.reference_td;
+  const Eigen::Vector3d w = frame.measured_angular_velocity - frame.bias().gyroscope;
+  const Transform T_WB(frame.rotation() * expSo3((w * shift).eval()),
+                       frame.position() + frame.velocity() * shift);
+  return T_WB * calibration.T_BC();
+}
+
+// Inverse depth in the anchor by linear least squares over the other observations: each says that
+// bearing x R_CW (rho (p_A - p_C) + R_WA d) = 0.
+double triangulate(const Landmark& landmark, const Transform& T_WA, const std::deque<FrameState>& frames,
+                   const CalibrationState& calibration) {
+  const Eigen::Vector2d anchor = landmark.observations.front().feature.normalized;
+  const Eigen::Vector3d direction_W = T_WA.rotation * Eigen::Vector3d(anchor.x(), anchor.y(), 1.0);
+  double numerator = 0.0, denominator = 0.0, focal_squared = 1.0;
+  for (const Observation& observation : landmark.observations) {
+    const FrameState* frame = findFrame(frames, observation.frame);
+    if (!frame) continue;
+    const Transform T_CW = cameraPose(*frame, calibration).inverse();
+    const Eigen::Vector3d bearing = observation.feature.normalized.homogeneous();
+    const Eigen::Vector3d a = bearing.cross(T_CW * T_WA.translation);
+    const Eigen::Vector3d b = bearing.cross(T_CW.rotation * direction_W);
+    numerator -= a.dot(b);
+    denominator += a.squaredNorm();
+    focal_squared = observation.feature.pixel_jacobian.squaredNorm() / 2.0;
+  }
+  // denominator * f^2 is the squared parallax of a point at one metre.
+  if (denominator * focal_squared * kDefaultInverseDepth * kDefaultInverseDepth < kMinParallaxPx * kMinParallaxPx)
+    return kDefaultInverseDepth;
+  return std::clamp(numerator / denominator, kMinInverseDepth, kMaxInverseDepth);
+}
+
+}  // namespace
+
+void LandmarkMap::addObservations(const FrameState& frame) {
+  for (const Feature& feature : frame.features) {
+    const auto open = open_by_track_.find(feature.track_id);
+    if (open != open_by_track_.end()) {
+      landmarks_.at(open->second).observations.push_back({frame.id, feature});
+      continue;
+    }
+    Landmark landmark;
+    landmark.id = next_id_++;
+    landmark.track_id = feature.track_id;
+    landmark.max_observations = shortest_ + static_cast<int>(landmark.id % (longest_ - shortest_ + 1));
+    landmark.observations.push_back({frame.id, feature});
+    open_by_track_[feature.track_id] = landmark.id;
+    landmarks_.emplace(landmark.id, std::move(landmark));
+  }
+}
+
+void LandmarkMap::erase(std::map<std::int64_t, Landmark>::iterator it) {
+  const auto open = open_by_track_.find(it->second.track_id);
+  if (open != open_by_track_.end() && open->second == it->first) open_by_track_.erase(open);
+  landmarks_.erase(it);
+}
+
+void LandmarkMap::removeObservations(FrameId frame) {
+  for (auto it = landmarks_.begin(); it != landmarks_.end();) {
+    auto current = it++;
+    std::vector<Observation>& observations = current->second.observations;
+    observations.erase(std::remove_if(observations.begin(), observations.end(),
+                                      [frame](const Observation& o) { return o.frame == frame; }),
+                       observations.end());
+    if (observations.size() < 2) current->second.initialized = false;
+    if (observations.empty()) erase(current);
+  }
+}
+
+void LandmarkMap::closeFullLandmarks() {
+  for (auto it = open_by_track_.begin(); it != open_by_track_.end();) {
+    const Landmark& landmark = landmarks_.at(it->second);
+    if (static_cast<int>(landmark.observations.size()) >= landmark.max_observations) {
+      it = open_by_track_.erase(it);
+    } else {
+      ++it;
+    }
+  }
+}
+
+void LandmarkMap::initialize(const std::deque<FrameState>& frames, const CalibrationState& calibration) {
+  for (auto& [id, landmark] : landmarks_) {
+    if (landmark.initialized || landmark.observations.size() < 2) continue;
+    const FrameState* first = findFrame(frames, landmark.observations.front().frame);
+    if (!first) continue;
+    landmark.T_WA = cameraPose(*first, calibration);
+    const Eigen::Vector2d anchor = landmark.observations.front().feature.normalized;
+    landmark.parameters = {{anchor.x(), anchor.y(), triangulate(landmark, landmark.T_WA, frames, calibration)}};
+    landmark.initialized = true;
+  }
+}
+
+std::vector<Landmark> LandmarkMap::extractObservedIn(FrameId frame) {
+  std::vector<Landmark> extracted;
+  for (auto it = landmarks_.begin(); it != landmarks_.end();) {
+    auto current = it++;
+    const std::vector<Observation>& observations = current->second.observations;
+    if (std::none_of(observations.begin(), observations.end(), [&](const Observation& o) { return o.frame == frame; }))
+      continue;
+    extracted.push_back(current->second);
+    erase(current);
+  }
+  return extracted;
+}
+
+int LandmarkMap::dropOutliers(const std::deque<FrameState>& frames, const CalibrationState& calibration,
+                              double threshold) {
+  int dropped = 0;
+  for (auto it = landmarks_.begin(); it != landmarks_.end();) {
+    auto current = it++;
+    Landmark& landmark = current->second;
+    if (!landmark.initialized) continue;
+    std::vector<Observation> kept;
+    for (const Observation& observation : landmark.observations) {
+      const FrameState* frame = findFrame(frames, observation.frame);
+      if (frame && reprojectionError(landmark, observation, *frame, calibration) < threshold) kept.push_back(observation);
+    }
+    if (kept.size() == landmark.observations.size()) continue;
+    dropped += static_cast<int>(landmark.observations.size() - kept.size());
+    landmark.observations = std::move(kept);
+    if (landmark.observations.size() < 2) erase(current);
+  }
+  return dropped;
+}
+
+bool LandmarkMap::isTrackInitialized(std::int64_t track_id) const {
+  const auto open = open_by_track_.find(track_id);
+  return open != open_by_track_.end() && landmarks_.at(open->second).initialized;
+}
+
+double reprojectionError(const Landmark& landmark, const Observation& observation, const FrameState& frame,
+                         const CalibrationState& calibration) {
+  const Transform T_CW = cameraPose(frame, calibration).inverse();
+  const Eigen::Vector3d direction(landmark.parameters[0], landmark.parameters[1], 1.0);
+  const double rho = landmark.parameters[2];
+  const Eigen::Vector3d h = rho * (T_CW * landmark.T_WA.translation) +
+                            T_CW.rotation * (landmark.T_WA.rotation * direction);
+  if (h.z() <= 0.02) return std::numeric_limits<double>::infinity();
+  const Eigen::Vector2d error = observation.feature.normalized - h.head<2>() / h.z();
+  return (observation.feature.pixel_jacobian * error).norm();
+}
+
+}  // namespace autocal_vio

@@ -1,0 +1,364 @@
+#include "autocal_vio/graph/visual_inertial_graph.h"
+
+#include <ceres/loss_function.h>
+#include <ceres/ordered_groups.h>
+#include <ceres/problem.h>
+#include <ceres/solver.h>
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <set>
+#include <unordered_set>
+
+#include "autocal_vio/factors/imu_factor.h"
+#include "autocal_vio/factors/manifolds.h"
+#include "autocal_vio/factors/marginal_prior_factor.h"
+#include "autocal_vio/factors/reprojection_factor.h"
+
+namespace autocal_vio {
+namespace {
+
+constexpr double kGaugeSigma = 1e-4;             // [m], [rad]: far below what is estimated, well conditioned
+constexpr double kInverseDepthPriorMean = 0.25;  // [1/m]
+constexpr double kInverseDepthPriorSigma = 2.0;  // [1/m]
+constexpr double kUnknownVelocitySigma = 10.0;   // [m/s]
+
+constexpr BlockKey kRotationKey{-1, BlockKind::kExtrinsicRotation};
+constexpr BlockKey kTranslationKey{-1, BlockKind::kExtrinsicTranslation};
+constexpr BlockKey kTimeOffsetKey{-1, BlockKind::kTimeOffset};
+
+// Hands factors to Ceres; the states are changed in place.
+SolveSummary solveFactors(const std::vector<Factor>& factors, double huber_threshold,
+                          const std::function<bool(const Block&)>& held, ceres::Solver::Options options) {
+  ceres::Problem::Options problem_options;
+  problem_options.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+  problem_options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+  problem_options.manifold_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+  problem_options.disable_all_safety_checks = true;
+  ceres::HuberLoss huber(huber_threshold);
+  PoseManifold pose_manifold;
+  RotationManifold rotation_manifold;
+  ceres::Problem problem(problem_options);
+  const auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
+  if (options.linear_solver_type == ceres::DENSE_SCHUR) options.linear_solver_ordering = ordering;
+
+  std::unordered_set<const double*> seen;
+  std::vector<double*> pointers;
+  for (const Factor& factor : factors) {
+    pointers.clear();
+    for (const Block& block : factor.blocks) {
+      pointers.push_back(block.data);
+      if (!seen.insert(block.data).second) continue;
+      ceres::Manifold* manifold = nullptr;
+      if (block.kind == BlockKind::kPose) manifold = &pose_manifold;
+      if (block.kind == BlockKind::kExtrinsicRotation) manifold = &rotation_manifold;
+      problem.AddParameterBlock(block.data, ambientSize(block.kind), manifold);
+      if (held(block)) problem.SetParameterBlockConstant(block.data);
+      ordering->AddElementToGroup(block.data, block.kind == BlockKind::kLandmark ? 0 : 1);
+    }
+    problem.AddResidualBlock(factor.cost.get(), factor.huber > 0.0 ? &huber : nullptr, pointers);
+  }
+  options.num_threads = 1;
+  options.logging_type = ceres::SILENT;
+  ceres::Solver::Summary summary;
+  ceres::Solve(options, &problem, &summary);
+  return {summary.IsSolutionUsable() && std::isfinite(summary.final_cost),
+          static_cast<int>(summary.iterations.size()) - 1, summary.final_cost};
+}
+
+}  // namespace
+
+GraphCovariance::GraphCovariance(std::vector<BlockKey> keys, Eigen::MatrixXd covariance)
+    : keys_(std::move(keys)), covariance_(std::move(covariance)) {
+  int offset = 0;
+  for (const BlockKey& key : keys_) {
+    offsets_.push_back(offset);
+    offset += tangentSize(key.kind);
+  }
+}
+
+Eigen::MatrixXd GraphCovariance::block(const BlockKey& row, const BlockKey& column) const {
+  const auto r = std::find(keys_.begin(), keys_.end(), row), c = std::find(keys_.begin(), keys_.end(), column);
+  if (r == keys_.end() || c == keys_.end()) return Eigen::MatrixXd();
+  return covariance_.block(offsets_[r - keys_.begin()], offsets_[c - keys_.begin()], tangentSize(row.kind),
+                           tangentSize(column.kind));
+}
+
+VisualInertialGraph::VisualInertialGraph(const GraphOptions& options, const CalibrationPrior& prior)
+    : options_(options), calibration_prior_(prior), landmarks_(options.shortest_landmark, options.longest_landmark) {
+  calibration_.setTransform(prior.T_BC);
+  calibration_.td = prior.td;
+}
+
+void VisualInertialGraph::anchorFirstFrame(double sigma_gyroscope_bias, double sigma_accelerometer_bias) {
+  const FrameState& first = frames_.front();
+  FirstFramePrior prior;
+  prior.frame = first.id;
+  prior.T_WB = first.T_WB();
+  prior.pose_sqrt_information.setZero();
+  prior.pose_sqrt_information.diagonal().head<3>().setConstant(1.0 / kGaugeSigma);
+  // Yaw alone: a rotation about the world's vertical, seen in B.
+  const Eigen::Vector3d vertical_B = first.rotation().conjugate() * Eigen::Vector3d::UnitZ();
+  prior.pose_sqrt_information.block<1, 3>(3, 3) = vertical_B.transpose() / kGaugeSigma;
+  prior.motion_mean.setZero();
+  prior.motion_mean.segment<3>(3) = first.bias().gyroscope;
+  prior.motion_sigma << Eigen::Vector3d::Constant(kUnknownVelocitySigma),
+      Eigen::Vector3d::Constant(sigma_gyroscope_bias), Eigen::Vector3d::Constant(sigma_accelerometer_bias);
+  first_frame_prior_ = prior;
+}
+
+void VisualInertialGraph::addFrame(FrameState frame) {
+  next_frame_id_ = std::max(next_frame_id_, frame.id + 1);
+  landmarks_.addObservations(frame);
+  frames_.push_back(std::move(frame));
+}
+
+void VisualInertialGraph::dropSecondNewest() {
+  if (frames_.size() < 3) return;
+  FrameState newest = std::move(frames_.back());
+  frames_.pop_back();
+  const FrameState& dropped = frames_.back();
+  landmarks_.removeObservations(dropped.id);
+  newest.preintegration = std::make_shared<Preintegration>(dropped.preintegration->joined(*newest.preintegration));
+  frames_.pop_back();
+  frames_.push_back(std::move(newest));
+}
+
+const FrameState* VisualInertialGraph::findFrame(FrameId id) const {
+  const auto it = std::lower_bound(frames_.begin(), frames_.end(), id,
+                                   [](const FrameState& frame, FrameId wanted) { return frame.id < wanted; });
+  return it != frames_.end() && it->id == id ? &*it : nullptr;
+}
+
+Block VisualInertialGraph::blockOf(const BlockKey& key) const {
+  // Factors are evaluated and solved through pointers into the states, which a const graph owns all the same.
+  auto* self = const_cast<VisualInertialGraph*>(this);
+  switch (key.kind) {
+    case BlockKind::kExtrinsicRotation: return {self->calibration_.rotation.data(), key.kind};
+    case BlockKind::kExtrinsicTranslation: return {self->calibration_.translation.data(), key.kind};
+    case BlockKind::kTimeOffset: return {&self->calibration_.td, key.kind};
+    default: break;
+  }
+  auto* frame = const_cast<FrameState*>(findFrame(key.frame));
+  if (!frame) return {};
+  return {key.kind == BlockKind::kPose ? frame->pose.data() : frame->motion.data(), key.kind};
+}
+
+bool VisualInertialGraph::isHeld(BlockKind kind) const {
+  return (kind == BlockKind::kExtrinsicRotation && calibration_.rotation_held) ||
+         (kind == BlockKind::kExtrinsicTranslation && calibration_.translation_held) ||
+         (kind == BlockKind::kTimeOffset && calibration_.td_held);
+}
+
+std::vector<BlockKey> VisualInertialGraph::stateKeys() const {
+  std::vector<BlockKey> keys;
+  for (const FrameState& frame : frames_) {
+    keys.push_back({frame.id, BlockKind::kPose});
+    keys.push_back({frame.id, BlockKind::kMotion});
+  }
+  for (const BlockKey& key : {kRotationKey, kTranslationKey, kTimeOffsetKey})
+    if (!isHeld(key.kind)) keys.push_back(key);
+  return keys;
+}
+
+std::vector<Block> VisualInertialGraph::blocksOf(const std::vector<BlockKey>& keys) const {
+  std::vector<Block> blocks;
+  for (const BlockKey& key : keys) blocks.push_back(blockOf(key));
+  return blocks;
+}
+
+Factor VisualInertialGraph::imuFactor(std::size_t i) const {
+  const FrameState &before = frames_[i - 1], &frame = frames_[i];
+  return {std::make_unique<ImuFactor>(frame.preintegration, gravity_W()), 0.0,
+          blocksOf({{before.id, BlockKind::kPose}, {before.id, BlockKind::kMotion},
+                    {frame.id, BlockKind::kPose}, {frame.id, BlockKind::kMotion}})};
+}
+
+std::vector<Factor> VisualInertialGraph::imuFactors() const {
+  std::vector<Factor> factors;
+  for (std::size_t i = 1; i < frames_.size(); ++i) factors.push_back(imuFactor(i));
+  return factors;
+}
+
+Factor VisualInertialGraph::reprojectionFactor(const Landmark& landmark, const Observation& observation,
+                                               const FrameState& frame) const {
+  ReprojectionMeasurement m;
+  m.normalized = observation.feature.normalized;
+  m.sqrt_information = observation.feature.pixel_jacobian / options_.pixel_sigma;
+  m.T_WA = landmark.T_WA;
+  m.reference_td = frame.reference_td;
+  m.velocity_W = frame.velocity();
+  m.angular_velocity_B = frame.measured_angular_velocity - frame.bias().gyroscope;
+  return {std::make_unique<ReprojectionFactor>(m), options_.huber_threshold,
+          {blockOf({frame.id, BlockKind::kPose}), blockOf(kRotationKey), blockOf(kTranslationKey),
+           blockOf(kTimeOffsetKey), {const_cast<double*>(landmark.parameters.data()), BlockKind::kLandmark}}};
+}
+
+void VisualInertialGraph::appendLandmarkFactors(const Landmark& landmark, std::vector<Factor>* factors) const {
+  if (!landmark.initialized || landmark.observations.size() < 2) return;
+  const Block landmark_block{const_cast<double*>(landmark.parameters.data()), BlockKind::kLandmark};
+  factors->push_back({std::make_unique<InverseDepthPriorFactor>(kInverseDepthPriorMean, kInverseDepthPriorSigma), 0.0,
+                      {landmark_block}});
+  for (const Observation& observation : landmark.observations)
+    if (const FrameState* frame = findFrame(observation.frame))
+      factors->push_back(reprojectionFactor(landmark, observation, *frame));
+}
+
+std::vector<Factor> VisualInertialGraph::newestFrameFactors() const {
+  std::vector<Factor> factors;
+  const FrameState& newest = frames_.back();
+  factors.push_back(imuFactor(frames_.size() - 1));
+  for (const auto& [id, landmark] : landmarks_.landmarks()) {
+    if (!landmark.solved || !landmark.initialized || landmark.observations.back().frame != newest.id) continue;
+    factors.push_back(reprojectionFactor(landmark, landmark.observations.back(), newest));
+  }
+  return factors;
+}
+
+void VisualInertialGraph::appendFirstFramePrior(std::vector<Factor>* factors) const {
+  if (!first_frame_prior_ || !findFrame(first_frame_prior_->frame)) return;
+  const FirstFramePrior& prior = *first_frame_prior_;
+  factors->push_back({std::make_unique<PosePriorFactor>(prior.T_WB, prior.pose_sqrt_information), 0.0,
+                      {blockOf({prior.frame, BlockKind::kPose})}});
+  factors->push_back({std::make_unique<DiagonalPriorFactor<9>>(prior.motion_mean, prior.motion_sigma), 0.0,
+                      {blockOf({prior.frame, BlockKind::kMotion})}});
+}
+
+void VisualInertialGraph::appendMarginalPrior(std::vector<Factor>* factors) const {
+  if (!marginal_prior_) return;
+  const MarginalPrior& prior = *marginal_prior_;
+  factors->push_back({std::make_unique<MarginalPriorFactor>(prior.linearization_points, prior.jacobian, prior.residual),
+                      0.0, blocksOf(prior.keys)});
+}
+
+void VisualInertialGraph::appendCalibrationPrior(std::vector<Factor>* factors) const {
+  Eigen::Matrix<double, 6, 6> sqrt_information = Eigen::Matrix<double, 6, 6>::Zero();
+  sqrt_information.diagonal() << calibration_prior_.sigma_translation.cwiseInverse(),
+      calibration_prior_.sigma_rotation.cwiseInverse();
+  factors->push_back({std::make_unique<ExtrinsicPriorFactor>(calibration_prior_.T_BC, sqrt_information), 0.0,
+                      blocksOf({kRotationKey, kTranslationKey})});
+  using Scalar = Eigen::Matrix<double, 1, 1>;
+  factors->push_back({std::make_unique<DiagonalPriorFactor<1>>(Scalar(calibration_prior_.td),
+                                                               Scalar(calibration_prior_.sigma_td)),
+                      0.0, {blockOf(kTimeOffsetKey)}});
+}
+
+std::vector<Factor> VisualInertialGraph::allFactors() const {
+  std::vector<Factor> factors = imuFactors();
+  appendFirstFramePrior(&factors);
+  appendMarginalPrior(&factors);
+  appendCalibrationPrior(&factors);
+  for (const auto& [id, landmark] : landmarks_.landmarks()) appendLandmarkFactors(landmark, &factors);
+  return factors;
+}
+
+SolveSummary VisualInertialGraph::solve(int max_iterations, double function_tolerance) {
+  landmarks_.initialize(frames_, calibration_);
+  ceres::Solver::Options options;
+  options.linear_solver_type = ceres::DENSE_SCHUR;
+  options.max_num_iterations = max_iterations;
+  options.function_tolerance = function_tolerance;
+  const SolveSummary summary =
+      solveFactors(allFactors(), options_.huber_threshold, [this](const Block& b) { return isHeld(b.kind); }, options);
+  for (auto& [id, landmark] : landmarks_.landmarks()) landmark.solved = landmark.solved || landmark.initialized;
+  return summary;
+}
+
+SolveSummary VisualInertialGraph::solveNewest(int max_iterations) {
+  if (frames_.size() < 2) return {};
+  const FrameState& newest = frames_.back();
+  ceres::Solver::Options options;
+  options.linear_solver_type = ceres::DENSE_QR;
+  options.max_num_iterations = max_iterations;
+  options.function_tolerance = 1e-4;
+  const auto held = [&](const Block& b) { return b.data != newest.pose.data() && b.data != newest.motion.data(); };
+  return solveFactors(newestFrameFactors(), options_.huber_threshold, held, options);
+}
+
+int VisualInertialGraph::dropOutliers(double threshold_px) {
+  return landmarks_.dropOutliers(frames_, calibration_, threshold_px);
+}
+
+void VisualInertialGraph::setPrior(const std::vector<BlockKey>& keys, const LinearSystem& system) {
+  // Square root of the information, equilibrated so that the rank decision does not depend on units.
+  const Eigen::VectorXd scale = system.H.diagonal().cwiseMax(1e-12).cwiseSqrt();
+  const Eigen::VectorXd inverse_scale = scale.cwiseInverse();
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(inverse_scale.asDiagonal() * system.H * inverse_scale.asDiagonal());
+  const Eigen::ArrayXd values = solver.eigenvalues().array();
+  const Eigen::VectorXd root = (values > 1e-12).select(values.max(1e-12).sqrt(), 0.0);
+  const Eigen::VectorXd inverse_root = (values > 1e-12).select(values.max(1e-12).sqrt().inverse(), 0.0);
+  MarginalPrior prior;
+  prior.keys = keys;
+  prior.jacobian = root.asDiagonal() * solver.eigenvectors().transpose() * scale.asDiagonal();
+  prior.residual = inverse_root.asDiagonal() * (solver.eigenvectors().transpose() * (inverse_scale.asDiagonal() * system.g));
+  for (const BlockKey& key : keys) {
+    const Block block = blockOf(key);
+    prior.linearization_points.push_back(Eigen::Map<const Eigen::VectorXd>(block.data, ambientSize(key.kind)));
+  }
+  marginal_prior_ = std::move(prior);
+}
+
+void VisualInertialGraph::marginalizeOldest() {
+  if (frames_.size() < 2) return;
+  const FrameId oldest = frames_.front().id;
+  const std::vector<Landmark> consumed = landmarks_.extractObservedIn(oldest);
+
+  std::set<BlockKey> kept;
+  kept.insert({frames_[1].id, BlockKind::kPose});
+  kept.insert({frames_[1].id, BlockKind::kMotion});
+  for (const BlockKey& key : {kRotationKey, kTranslationKey, kTimeOffsetKey}) kept.insert(key);
+  if (marginal_prior_) kept.insert(marginal_prior_->keys.begin(), marginal_prior_->keys.end());
+  for (const Landmark& landmark : consumed)
+    for (const Observation& observation : landmark.observations)
+      if (landmark.initialized) kept.insert({observation.frame, BlockKind::kPose});
+  const BlockKey oldest_pose{oldest, BlockKind::kPose}, oldest_motion{oldest, BlockKind::kMotion};
+  kept.erase(oldest_pose);
+  kept.erase(oldest_motion);
+
+  std::vector<BlockKey> keys{oldest_pose, oldest_motion};
+  keys.insert(keys.end(), kept.begin(), kept.end());
+  std::vector<Factor> factors;
+  factors.push_back(imuFactor(1));
+  if (first_frame_prior_ && first_frame_prior_->frame == oldest) appendFirstFramePrior(&factors);
+  appendMarginalPrior(&factors);
+  for (const Landmark& landmark : consumed) appendLandmarkFactors(landmark, &factors);
+  const LinearSystem system = marginalizeFirst(linearize(factors, blocksOf(keys)), 15);
+  setPrior(std::vector<BlockKey>(kept.begin(), kept.end()), system);
+  if (first_frame_prior_ && first_frame_prior_->frame == oldest) first_frame_prior_.reset();
+  frames_.pop_front();
+  frames_.front().preintegration.reset();
+}
+
+std::optional<GraphCovariance> VisualInertialGraph::covariance() const {
+  const std::vector<BlockKey> keys = stateKeys();
+  const LinearSystem system = linearize(allFactors(), blocksOf(keys));
+  const Eigen::VectorXd scale = system.H.diagonal().cwiseMax(1e-12).cwiseSqrt().cwiseInverse();
+  const Eigen::LLT<Eigen::MatrixXd> solver(scale.asDiagonal() * system.H * scale.asDiagonal());
+  if (solver.info() != Eigen::Success) return std::nullopt;
+  const Eigen::MatrixXd inverse = solver.solve(Eigen::MatrixXd::Identity(system.g.size(), system.g.size()));
+  if (!inverse.allFinite()) return std::nullopt;
+  return GraphCovariance(keys, scale.asDiagonal() * inverse * scale.asDiagonal());
+}
+
+double VisualInertialGraph::pixelRms(int* count) const {
+  double sum = 0.0;
+  int used = 0;
+  for (const auto& [id, landmark] : landmarks_.landmarks()) {
+    if (!landmark.initialized) continue;
+    for (const Observation& observation : landmark.observations) {
+      const FrameState* frame = findFrame(observation.frame);
+      if (!frame) continue;
+      const double error = reprojectionError(landmark, observation, *frame, calibration_);
+      if (!(error < 5.0 * options_.pixel_sigma)) continue;
+      sum += error * error;
+      ++used;
+    }
+  }
+  if (count) *count = used;
+  return used > 0 ? std::sqrt(0.5 * sum / used) : 0.0;
+}
+
+}  // namespace autocal_vio

@@ -1,0 +1,151 @@
+// The window estimator alone, on feature-level simulation: it starts from a disturbed truth and must find the
+// calibration. No initialiser is involved.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdio>
+
+#include "autocal_vio/estimator/sliding_window_estimator.h"
+#include "autocal_vio/geometry/so3.h"
+#include "autocal_vio/sim/feature_simulator.h"
+
+namespace autocal_vio {
+namespace {
+
+constexpr double kDegrees = 180.0 / 3.14159265358979323846;
+
+struct Outcome {
+  double rotation_deg, translation_m, td_ms, position_error_m, distance_m, ms_per_image;
+  Eigen::Matrix<double, 6, 1> sigmas;  // error over sigma, [p, theta]
+  NoiseFactors noise;
+  double pixel_sigma;
+  bool healthy;
+};
+
+struct Start {
+  double rotation_deg = 1.0, translation_m = 0.03;
+};
+
+SlidingWindowEstimator startFromTruth(const FeatureDataset& data, const ImuBuffer& imu, std::size_t first, std::size_t count,
+                                      std::size_t step, const Start& start, const EstimatorOptions& options) {
+  GraphOptions graph_options;
+  graph_options.pixel_sigma = options.pixel_sigma;
+  CalibrationPrior prior;
+  prior.sigma_translation.setConstant(0.3);
+  VisualInertialGraph graph(graph_options, prior);
+  const Eigen::Vector3d tilt = Eigen::Vector3d(1, -1, 1).normalized() * start.rotation_deg / kDegrees;
+  const Transform T_BC(data.rig.T_imu_cam.rotation * expSo3(tilt),
+                       data.rig.T_imu_cam.translation + Eigen::Vector3d(1, 1, -1).normalized() * start.translation_m);
+  graph.calibration().setTransform(T_BC);
+  for (std::size_t i = first; i < first + count * step; i += step) {
+    const TruthSample& truth = data.truth[i];
+    FrameState frame;
+    frame.id = graph.nextFrameId();
+    frame.stamp = truth.stamp;
+    frame.features = data.frames[i].features;
+    frame.setPose(truth.T_WB);
+    frame.setMotion(truth.velocity_W, ImuBias());
+    frame.measured_angular_velocity = imu.at(truth.stamp)->angular_velocity;
+    if (i > first)
+      frame.preintegration = std::make_shared<Preintegration>(imu.slice(data.truth[i - step].stamp, truth.stamp), ImuBias(), data.rig.rig.imu_noise);
+    graph.addFrame(frame);
+    graph.landmarkMap().closeFullLandmarks();
+  }
+  graph.anchorFirstFrame(0.1, 0.3);
+  NoiseAdaptation noise(data.rig.rig.imu_noise, 40.0);
+  EXPECT_EQ(solveAdaptingNoise(30, 4.0, &graph, &noise), "");
+  return SlidingWindowEstimator(std::move(graph), noise, options);
+}
+
+Outcome run(const FeatureSimulationOptions& simulation, double seconds, const Start& start = {}) {
+  const FeatureDataset data = simulateFeatures(simulation);
+  ImuBuffer imu(1000 * kNsPerSecond);
+  for (const ImuSample& sample : data.imu) imu.add(sample);
+  const EstimatorOptions options;
+  const std::size_t first = 40, count = 16, step = 4;
+  SlidingWindowEstimator estimator = startFromTruth(data, imu, first, count, step, start, options);
+
+  Outcome outcome{};
+  outcome.healthy = true;
+  double squared = 0.0, cpu = 0.0;
+  int images = 0;
+  Transform align;
+  for (std::size_t i = first + (count - 1) * step + 1; i < data.frames.size(); ++i) {
+    if (!imu.covers(data.frames[i].stamp + fromSeconds(0.03))) break;
+    if (toSeconds(data.frames[i].stamp - data.frames[0].stamp) > seconds) break;
+    const std::clock_t before = std::clock();
+    const EstimatorResult result = estimator.process(data.frames[i], imu);
+    cpu += 1e3 * static_cast<double>(std::clock() - before) / CLOCKS_PER_SEC;
+    ++images;
+    if (!result.healthy) {
+      std::printf("  lost at image %zu: %s\n", i, result.problem.c_str());
+      outcome.healthy = false;
+      break;
+    }
+    const Transform estimate = estimator.newest().T_WB();
+    const double error = (estimate.translation - data.truth[i].T_WB.translation).norm();
+    if (std::getenv("VERBOSE") && images % 40 == 0) {
+      const Transform T = estimator.graph().calibration().T_BC();
+      const Eigen::Vector3d rot = logSo3(data.rig.T_imu_cam.rotation.conjugate() * T.rotation);
+      std::printf("  t %5.1f pos err %.4f rot %.4f deg trans %.2f mm td %.3f ms  noise %.1f %.1f px %.2f frames dt %.2f lm %zu\n", toSeconds(data.frames[i].stamp - data.frames[0].stamp), error, rot.norm() * kDegrees,
+                  1e3 * (T.translation - data.rig.T_imu_cam.translation).norm(), 1e3 * estimator.graph().calibration().td, estimator.noiseFactors().accelerometer,
+                  estimator.noiseFactors().gyroscope, estimator.graph().optionsView().pixel_sigma, toSeconds(estimator.graph().frames().back().stamp - estimator.graph().frames().front().stamp), estimator.graph().landmarkMap().landmarks().size());
+    }
+    squared += error * error;
+    outcome.distance_m += (data.truth[i].T_WB.translation - data.truth[i - 1].T_WB.translation).norm();
+  }
+  const Transform T_BC = estimator.graph().calibration().T_BC();
+  const Eigen::Vector3d rotation = logSo3(data.rig.T_imu_cam.rotation.conjugate() * T_BC.rotation);
+  const Eigen::Vector3d translation = T_BC.translation - data.rig.T_imu_cam.translation;
+  outcome.rotation_deg = rotation.norm() * kDegrees;
+  outcome.translation_m = translation.norm();
+  outcome.td_ms = 1e3 * (estimator.graph().calibration().td - data.rig.td);
+  outcome.position_error_m = std::sqrt(squared / images);
+  outcome.ms_per_image = cpu / images;
+  outcome.noise = estimator.noiseFactors();
+  outcome.pixel_sigma = estimator.graph().optionsView().pixel_sigma;
+  const GraphCovariance& covariance = *estimator.covariance();
+  outcome.sigmas << translation.cwiseQuotient(covariance.block({-1, BlockKind::kExtrinsicTranslation}).diagonal().cwiseSqrt()),
+      rotation.cwiseQuotient(covariance.block({-1, BlockKind::kExtrinsicRotation}).diagonal().cwiseSqrt());
+  std::printf("seed %llu: rotation %.4f deg, translation %.2f mm, td %.3f ms, position %.3f m of %.1f m, %.2f ms/image, noise x%.1f x%.1f, %.2f px, error/sigma %.1f %.1f %.1f | %.1f %.1f %.1f\n",
+              static_cast<unsigned long long>(simulation.seed), outcome.rotation_deg, 1e3 * outcome.translation_m, outcome.td_ms,
+              outcome.position_error_m, outcome.distance_m, outcome.ms_per_image, outcome.noise.accelerometer, outcome.noise.gyroscope, outcome.pixel_sigma,
+              outcome.sigmas(0), outcome.sigmas(1), outcome.sigmas(2), outcome.sigmas(3), outcome.sigmas(4), outcome.sigmas(5));
+  return outcome;
+}
+
+TEST(SlidingWindow, ExactDataGivesTheExactCalibration) {
+  for (std::uint64_t seed = 1; seed <= 2; ++seed) {
+    FeatureSimulationOptions simulation = FeatureSimulationOptions::exact(seed);
+    simulation.motion.duration = 30.0;
+    const Outcome outcome = run(simulation, 30.0);
+    EXPECT_TRUE(outcome.healthy);
+    EXPECT_LT(outcome.rotation_deg, 0.01);
+    EXPECT_LT(outcome.translation_m, 0.5e-3);
+  }
+}
+
+TEST(SlidingWindow, EurocNoise) {
+  for (std::uint64_t seed = 1; seed <= 3; ++seed) {
+    FeatureSimulationOptions simulation = FeatureSimulationOptions::euroc(seed);
+    simulation.motion.duration = 40.0;
+    const Outcome outcome = run(simulation, 40.0);
+    EXPECT_TRUE(outcome.healthy);
+    EXPECT_LT(outcome.rotation_deg, 0.3);
+    EXPECT_LT(outcome.translation_m, 0.015);
+  }
+}
+
+TEST(SlidingWindow, RealisticNoise) {
+  for (std::uint64_t seed = 1; seed <= 3; ++seed) {
+    FeatureSimulationOptions simulation = FeatureSimulationOptions::realistic(seed);
+    simulation.motion.duration = 40.0;
+    const Outcome outcome = run(simulation, 40.0);
+    EXPECT_TRUE(outcome.healthy);
+    EXPECT_LT(outcome.rotation_deg, 0.5);
+    EXPECT_LT(outcome.translation_m, 0.03);
+  }
+}
+
+}  // namespace
+}  // namespace autocal_vio
