@@ -68,7 +68,7 @@ class Recorder:
         self.first_odometry_s = None
         self.converged_s = None
         self.last_arrival = time.monotonic()
-        self.counts = {'status': 0, 'odometry': 0, 'odometry_imu': 0, 'tf_imu': 0, 'tf_camera': 0}
+        self.counts = {'status': 0, 'odometry': 0, 'odometry_imu': 0, 'tf': {}}
         self.latencies_ms = []
 
     def on_status(self, status):
@@ -109,11 +109,12 @@ class Recorder:
         with self.lock:
             self.truth_extrinsics = message.pose
 
-    def on_tf(self, message, imu_frame, camera_frame):
+    def on_tf(self, message):
         with self.lock:
+            by_parent = self.counts['tf']
             for transform in message.transforms:
-                self.counts['tf_imu'] += transform.child_frame_id == imu_frame
-                self.counts['tf_camera'] += transform.child_frame_id == camera_frame
+                parent = transform.header.frame_id
+                by_parent[parent] = by_parent.get(parent, 0) + 1
 
     @staticmethod
     def write_pose(file, odometry):
@@ -209,12 +210,10 @@ def main():
     rospy.init_node('live_monitor', anonymous=True)
     recorder = Recorder(arguments.out)
     name = arguments.namespace
-    imu_frame = rospy.get_param(name + '/imu_frame', 'imu')
-    camera_frame = rospy.get_param(name + '/camera_frame', 'cam0')
     rospy.Subscriber(name + '/calibration_status', CalibrationStatus, recorder.on_status, queue_size=500)
     rospy.Subscriber(name + '/odometry', Odometry, recorder.on_odometry, queue_size=500)
     rospy.Subscriber(name + '/odometry_imu', Odometry, recorder.on_odometry_imu, queue_size=500)
-    rospy.Subscriber('/tf', TFMessage, lambda message: recorder.on_tf(message, imu_frame, camera_frame), queue_size=500)
+    rospy.Subscriber('/tf', TFMessage, recorder.on_tf, queue_size=500)
     if arguments.truth:
         rospy.Subscriber(arguments.truth, Odometry, recorder.on_truth, queue_size=2000)
     if arguments.truth_extrinsics:
