@@ -19,3 +19,9 @@ source_devel() {
   set -u
   export PATH=/usr/bin:$PATH
 }
+
+# Folder of recorded data (with euroc/ in it); empty where there is none.
+if [ -z "${AUTOCAL_VIO_DATA:-}" ] && [ -d "$root_dir/../shared/data" ]; then
+  AUTOCAL_VIO_DATA=$(cd "$root_dir/../shared/data" && pwd)
+fi
+export AUTOCAL_VIO_DATA=${AUTOCAL_VIO_DATA:-}

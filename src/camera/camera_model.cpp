@@ -90,17 +90,18 @@ std::vector<std::string> CameraIntrinsics::validate() const {
   };
   require(width > 0 && width <= 20000, "image width must be within (0, 20000] px", width);
   require(height > 0 && height <= 20000, "image height must be within (0, 20000] px", height);
+  const char* const focal_names[2] = {"fu", "fv"};
   for (int i = 0; i < 2; ++i)
     require(std::isfinite(intrinsics(i)) && intrinsics(i) > 1.0,
-            i == 0 ? "focal length fu must be above 1 px" : "focal length fv must be above 1 px",
-            intrinsics(i));
+            std::string("focal length ") + focal_names[i] + " must be above 1 px", intrinsics(i));
   require(std::isfinite(intrinsics(2)) && intrinsics(2) > 0.0 && intrinsics(2) < width,
           "principal point pu must lie in the image", intrinsics(2));
   require(std::isfinite(intrinsics(3)) && intrinsics(3) > 0.0 && intrinsics(3) < height,
           "principal point pv must lie in the image", intrinsics(3));
   for (int i = 0; i < 4; ++i)
     require(std::isfinite(distortion_coeffs(i)) && std::abs(distortion_coeffs(i)) < 100.0,
-            "distortion coefficients must be finite and below 100", distortion_coeffs(i));
+            "distortion_coeffs[" + std::to_string(i) + "] must be finite and below 100 in size",
+            distortion_coeffs(i));
   return problems;
 }
 

@@ -49,20 +49,25 @@ void ExtrinsicMonitor::judge() {
         << " deg (sigma), needs " << options_.max_sigma_rotation_deg;
     advice_ = "rotate about at least two different axes";
   } else if (!(sigma_translation < slack * options_.max_sigma_translation)) {
-    why << "translation along " << kAxes[worst_translation] << " of the IMU is known to " << 1e3 * sigma_translation
-        << " mm (sigma), needs " << 1e3 * options_.max_sigma_translation;
-    advice_ = std::string("rotate quickly to and fro about axes other than the IMU's ") + kAxes[worst_translation];
+    why << "translation along " << kAxes[worst_translation] << " of the IMU is known to "
+        << 1e3 * sigma_translation << " mm (sigma), needs " << 1e3 * options_.max_sigma_translation;
+    advice_ =
+        std::string("rotate quickly to and fro about axes other than the IMU's ") + kAxes[worst_translation];
   } else if (!(now.sigma_td < slack * options_.max_sigma_td)) {
-    why << "the time offset is known to " << 1e3 * now.sigma_td << " ms (sigma), needs " << 1e3 * options_.max_sigma_td;
+    why << "the time offset is known to " << 1e3 * now.sigma_td << " ms (sigma), needs "
+        << 1e3 * options_.max_sigma_td;
     advice_ = "rotate to and fro";
   } else if (!converged_ && toSeconds(now.stamp - history_.front().stamp) < options_.stable_time) {
     why << "accurate enough, watching whether it stays";
   } else if (!converged_) {
     const CalibrationSample& then = history_.front();
-    const Eigen::Vector3d step_p = (now.T_BC.translation - then.T_BC.translation).cwiseQuotient(sigma.head<3>());
-    const Eigen::Vector3d step_theta = logSo3(then.T_BC.rotation.conjugate() * now.T_BC.rotation).cwiseQuotient(sigma.tail<3>());
+    const Eigen::Vector3d step_p =
+        (now.T_BC.translation - then.T_BC.translation).cwiseQuotient(sigma.head<3>());
+    const Eigen::Vector3d step_theta =
+        logSo3(then.T_BC.rotation.conjugate() * now.T_BC.rotation).cwiseQuotient(sigma.tail<3>());
     const double step = std::max(step_p.cwiseAbs().maxCoeff(), step_theta.cwiseAbs().maxCoeff());
-    if (!(step < options_.max_step_sigmas)) why << "still moving: " << step << " sigma within " << options_.stable_time << " s";
+    if (!(step < options_.max_step_sigmas))
+      why << "still moving: " << step << " sigma within " << options_.stable_time << " s";
   }
   reason_ = why.str();
   converged_ = reason_.empty();

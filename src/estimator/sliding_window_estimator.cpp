@@ -10,20 +10,22 @@
 namespace autocal_vio {
 namespace {
 
-constexpr double kFunctionTolerance = 1e-4;   // relative change of the cost at which a window is solved
-constexpr double kOutlierSigmas = 4.0;        // a reprojection this far out is dropped
-constexpr double kMinOutlierPx = 2.0;         // [px] and at least this far
-constexpr double kMinPixelSigma = 0.3;        // [px] tracks are correlated in time: never trust them more
-constexpr double kMaxPixelSigma = 3.0;        // [px]
-constexpr double kSmallestTrackShare = 0.5;   // of the last keyframe's tracks still seen, or it is time for another
-constexpr double kLongestBridgedGap = 0.5;    // [s] without IMU samples
-constexpr double kGapNoiseFactor = 20.0;      // noise across a gap in the IMU samples
-constexpr double kLargestSpeed = 100.0;       // [m/s]
-constexpr double kLargestGyroBias = 1.0;      // [rad/s]
-constexpr double kLargestAccelBias = 5.0;     // [m/s^2]
+constexpr double kFunctionTolerance = 1e-4;  // relative change of the cost at which a window is solved
+constexpr double kOutlierSigmas = 4.0;       // a reprojection this far out is dropped
+constexpr double kMinOutlierPx = 2.0;        // [px] and at least this far
+constexpr double kMinPixelSigma = 0.3;       // [px] tracks are correlated in time: never trust them more
+constexpr double kMaxPixelSigma = 3.0;       // [px]
+constexpr double kSmallestTrackShare =
+    0.5;  // of the last keyframe's tracks still seen, or it is time for another
+constexpr double kLongestBridgedGap = 0.5;  // [s] without IMU samples
+constexpr double kGapNoiseFactor = 20.0;    // noise across a gap in the IMU samples
+constexpr double kLargestSpeed = 100.0;     // [m/s]
+constexpr double kLargestGyroBias = 1.0;    // [rad/s]
+constexpr double kLargestAccelBias = 5.0;   // [m/s^2]
 
 // Mean displacement of common tracks [px] once the rotation between the frames is taken out, and their number.
-std::pair<double, int> rotationCompensatedParallax(const FrameState& a, const FrameState& b, const Eigen::Quaterniond& R_BC) {
+std::pair<double, int> rotationCompensatedParallax(const FrameState& a, const FrameState& b,
+                                                   const Eigen::Quaterniond& R_BC) {
   const Eigen::Quaterniond R_CbCa = R_BC.conjugate() * b.rotation().conjugate() * a.rotation() * R_BC;
   double sum = 0.0;
   int count = 0;
@@ -73,8 +75,9 @@ bool appendPredictedFrame(const FeatureFrame& frame, const ImuBuffer& imu, const
   const ImuIncrement& increment = state.preintegration->increment();
   const double dt = state.preintegration->duration();
   const Eigen::Vector3d g = graph->gravity_W();
-  state.setPose(Transform(last.rotation() * increment.rotation, last.position() + last.velocity() * dt + 0.5 * g * dt * dt +
-                                                                    last.rotation() * increment.position));
+  state.setPose(Transform(
+      last.rotation() * increment.rotation,
+      last.position() + last.velocity() * dt + 0.5 * g * dt * dt + last.rotation() * increment.position));
   state.setMotion(last.velocity() + g * dt + last.rotation() * increment.velocity, last.bias());
   graph->addFrame(std::move(state));
   return true;
@@ -121,7 +124,8 @@ EstimatorResult SlidingWindowEstimator::process(const FeatureFrame& frame, const
 bool SlidingWindowEstimator::isKeyframe() const {
   const std::deque<FrameState>& frames = graph_.frames();
   const FrameState &last = frames[frames.size() - 2], &current = frames.back();
-  const auto [parallax, common] = rotationCompensatedParallax(last, current, graph_.calibration().T_BC().rotation);
+  const auto [parallax, common] =
+      rotationCompensatedParallax(last, current, graph_.calibration().T_BC().rotation);
   return parallax > options_.keyframe_parallax || common < kSmallestTrackShare * last.features.size() ||
          toSeconds(current.stamp - last.stamp) > options_.keyframe_max_interval;
 }
@@ -147,7 +151,8 @@ std::string SlidingWindowEstimator::findFault() const {
   const FrameState& frame = newest();
   const ImuBias bias = frame.bias();
   const Transform T_BC = graph_.calibration().T_BC();
-  if (!frame.T_WB().isFinite() || !frame.velocity().allFinite() || !T_BC.isFinite() || !std::isfinite(graph_.calibration().td))
+  if (!frame.T_WB().isFinite() || !frame.velocity().allFinite() || !T_BC.isFinite() ||
+      !std::isfinite(graph_.calibration().td))
     return "the estimate is not finite";
   if (frame.velocity().norm() > kLargestSpeed) return "the estimated speed is impossible";
   if (bias.gyroscope.norm() > kLargestGyroBias) return "the estimated gyroscope bias is impossible";

@@ -33,7 +33,8 @@ Matrix15d inverseSqrt(const Matrix15d& covariance) {
 }
 
 // Writes U * [J_p, J_theta] as the Jacobian by [p, q].
-void writePose(const Matrix15d& U, const Eigen::Matrix<double, 15, 6>& J_tangent, const Quaterniond& q, double* out) {
+void writePose(const Matrix15d& U, const Eigen::Matrix<double, 15, 6>& J_tangent, const Quaterniond& q,
+               double* out) {
   Eigen::Map<RowMajor15<7>> J(out);
   const Eigen::Matrix<double, 15, 6> whitened = U * J_tangent;
   J.leftCols<3>() = whitened.leftCols<3>();

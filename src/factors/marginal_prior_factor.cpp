@@ -8,8 +8,12 @@ namespace {
 
 using RowMajorX = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-int tangentSizeOf(int ambient) { return ambient == 7 ? 6 : ambient == 4 ? 3 : ambient; }
-bool hasQuaternion(int ambient) { return ambient == 7 || ambient == 4; }
+int tangentSizeOf(int ambient) {
+  return ambient == 7 ? 6 : ambient == 4 ? 3 : ambient;
+}
+bool hasQuaternion(int ambient) {
+  return ambient == 7 || ambient == 4;
+}
 
 // x [-] x0 with rotations Log(q0^-1 q).
 Eigen::VectorXd boxMinus(const double* x, const PriorState& x0) {
@@ -30,10 +34,12 @@ MarginalPriorFactor::MarginalPriorFactor(const std::vector<PriorState>& lineariz
                                          const Eigen::MatrixXd& jacobian, const Eigen::VectorXd& residual)
     : linearization_points_(linearization_points), jacobian_(jacobian), residual_(residual) {
   set_num_residuals(static_cast<int>(residual.size()));
-  for (const PriorState& state : linearization_points_) mutable_parameter_block_sizes()->push_back(static_cast<int>(state.size()));
+  for (const PriorState& state : linearization_points_)
+    mutable_parameter_block_sizes()->push_back(static_cast<int>(state.size()));
 }
 
-bool MarginalPriorFactor::Evaluate(double const* const* parameters, double* residuals, double** jacobians) const {
+bool MarginalPriorFactor::Evaluate(double const* const* parameters, double* residuals,
+                                   double** jacobians) const {
   Eigen::VectorXd difference(jacobian_.cols());
   int column = 0;
   for (std::size_t i = 0; i < linearization_points_.size(); ++i) {

@@ -23,7 +23,8 @@ Vector6d difference(const Transform& prior, const Vector3d& p, const Quaterniond
 
 }  // namespace
 
-bool ExtrinsicPriorFactor::Evaluate(double const* const* parameters, double* residuals, double** jacobians) const {
+bool ExtrinsicPriorFactor::Evaluate(double const* const* parameters, double* residuals,
+                                    double** jacobians) const {
   const Eigen::Map<const Quaterniond> q(parameters[0]);
   const Eigen::Map<const Vector3d> p(parameters[1]);
   Matrix3d J_rotation;

@@ -16,7 +16,8 @@ constexpr double kBehindResidual = 100.0;  // whitened; far beyond any robust th
 
 }  // namespace
 
-bool ReprojectionFactor::Evaluate(double const* const* parameters, double* residuals, double** jacobians) const {
+bool ReprojectionFactor::Evaluate(double const* const* parameters, double* residuals,
+                                  double** jacobians) const {
   const Eigen::Map<const Vector3d> p_WB(parameters[0]), p_BC(parameters[2]), landmark(parameters[4]);
   const Eigen::Map<const Quaterniond> q_WB(parameters[0] + 3), q_BC(parameters[1]);
   const ReprojectionMeasurement& m = measurement_;

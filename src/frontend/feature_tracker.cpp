@@ -10,13 +10,15 @@
 namespace autocal_vio {
 namespace {
 
-constexpr double kBorder = 4.0;             // [px] a patch nearer to the edge is mostly outside
-constexpr double kRefillBelow = 0.9;        // share of max_features below which corners are searched
+constexpr double kBorder = 4.0;              // [px] a patch nearer to the edge is mostly outside
+constexpr double kRefillBelow = 0.9;         // share of max_features below which corners are searched
 constexpr std::size_t kMinForOutliers = 12;  // tracks for a two-view geometry
-constexpr double kMinEigenvalue = 1e-4;     // of the patch's gradient matrix: below it is no texture
+constexpr double kMinEigenvalue = 1e-4;      // of the patch's gradient matrix: below it is no texture
 const cv::TermCriteria kTermination(cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 30, 0.01);
 
-cv::Point2f toCv(const Eigen::Vector2d& v) { return {static_cast<float>(v.x()), static_cast<float>(v.y())}; }
+cv::Point2f toCv(const Eigen::Vector2d& v) {
+  return {static_cast<float>(v.x()), static_cast<float>(v.y())};
+}
 
 }  // namespace
 
@@ -43,12 +45,14 @@ FeatureFrame FeatureTracker::track(TimeNs stamp, const cv::Mat& image,
   return frame;
 }
 
-std::vector<cv::Point2f> FeatureTracker::predict(const std::optional<Eigen::Matrix3d>& R_previous_current) const {
+std::vector<cv::Point2f> FeatureTracker::predict(
+    const std::optional<Eigen::Matrix3d>& R_previous_current) const {
   std::vector<cv::Point2f> predicted;
   for (const Track& track : tracks_) {
     cv::Point2f guess = track.pixel;
     if (R_previous_current) {
-      const Eigen::Vector3d direction = R_previous_current->transpose() * track.feature.normalized.homogeneous();
+      const Eigen::Vector3d direction =
+          R_previous_current->transpose() * track.feature.normalized.homogeneous();
       Eigen::Vector2d pixel;
       if (camera_.project(direction, &pixel)) guess = toCv(pixel);
     }
@@ -65,7 +69,8 @@ void FeatureTracker::trackForward(const std::vector<cv::Mat>& pyramid,
   std::vector<uchar> forward_found, backward_found;
   const cv::Size patch(options_.patch_size, options_.patch_size);
   cv::calcOpticalFlowPyrLK(pyramid_, pyramid, before, after, forward_found, cv::noArray(), patch,
-                           options_.pyramid_levels, kTermination, cv::OPTFLOW_USE_INITIAL_FLOW, kMinEigenvalue);
+                           options_.pyramid_levels, kTermination, cv::OPTFLOW_USE_INITIAL_FLOW,
+                           kMinEigenvalue);
   cv::calcOpticalFlowPyrLK(pyramid, pyramid_, after, back, backward_found, cv::noArray(), patch,
                            std::min(1, options_.pyramid_levels), kTermination, cv::OPTFLOW_USE_INITIAL_FLOW,
                            kMinEigenvalue);
@@ -96,7 +101,8 @@ void FeatureTracker::rejectOutliers(const std::vector<Feature>& before) {
     to.push_back(toCv(focal * tracks_[i].feature.normalized));
   }
   std::vector<uchar> inlier;
-  const cv::Mat F = cv::findFundamentalMat(from, to, cv::FM_RANSAC, options_.epipolar_threshold, 0.99, inlier);
+  const cv::Mat F =
+      cv::findFundamentalMat(from, to, cv::FM_RANSAC, options_.epipolar_threshold, 0.99, inlier);
   if (F.empty() || inlier.size() != tracks_.size()) return;
   std::vector<Track> kept;
   for (std::size_t i = 0; i < tracks_.size(); ++i)

@@ -48,7 +48,8 @@ double triangulate(const Landmark& landmark, const Transform& T_WA, const std::d
     focal_squared = observation.feature.pixel_jacobian.squaredNorm() / 2.0;
   }
   // denominator * f^2 is the squared parallax of a point at one metre.
-  if (denominator * focal_squared * kDefaultInverseDepth * kDefaultInverseDepth < kMinParallaxPx * kMinParallaxPx)
+  if (denominator * focal_squared * kDefaultInverseDepth * kDefaultInverseDepth <
+      kMinParallaxPx * kMinParallaxPx)
     return kDefaultInverseDepth;
   return std::clamp(numerator / denominator, kMinInverseDepth, kMaxInverseDepth);
 }
@@ -108,7 +109,8 @@ void LandmarkMap::initialize(const std::deque<FrameState>& frames, const Calibra
     if (!first) continue;
     landmark.T_WA = cameraPose(*first, calibration);
     const Eigen::Vector2d anchor = landmark.observations.front().feature.normalized;
-    landmark.parameters = {{anchor.x(), anchor.y(), triangulate(landmark, landmark.T_WA, frames, calibration)}};
+    landmark.parameters = {
+        {anchor.x(), anchor.y(), triangulate(landmark, landmark.T_WA, frames, calibration)}};
     landmark.initialized = true;
   }
 }
@@ -118,7 +120,8 @@ std::vector<Landmark> LandmarkMap::extractObservedIn(FrameId frame) {
   for (auto it = landmarks_.begin(); it != landmarks_.end();) {
     auto current = it++;
     const std::vector<Observation>& observations = current->second.observations;
-    if (std::none_of(observations.begin(), observations.end(), [&](const Observation& o) { return o.frame == frame; }))
+    if (std::none_of(observations.begin(), observations.end(),
+                     [&](const Observation& o) { return o.frame == frame; }))
       continue;
     extracted.push_back(current->second);
     erase(current);
@@ -136,7 +139,8 @@ int LandmarkMap::dropOutliers(const std::deque<FrameState>& frames, const Calibr
     std::vector<Observation> kept;
     for (const Observation& observation : landmark.observations) {
       const FrameState* frame = findFrame(frames, observation.frame);
-      if (frame && reprojectionError(landmark, observation, *frame, calibration) < threshold) kept.push_back(observation);
+      if (frame && reprojectionError(landmark, observation, *frame, calibration) < threshold)
+        kept.push_back(observation);
     }
     if (kept.size() == landmark.observations.size()) continue;
     dropped += static_cast<int>(landmark.observations.size() - kept.size());
@@ -156,8 +160,8 @@ double reprojectionError(const Landmark& landmark, const Observation& observatio
   const Transform T_CW = cameraPose(frame, calibration).inverse();
   const Eigen::Vector3d direction(landmark.parameters[0], landmark.parameters[1], 1.0);
   const double rho = landmark.parameters[2];
-  const Eigen::Vector3d h = rho * (T_CW * landmark.T_WA.translation) +
-                            T_CW.rotation * (landmark.T_WA.rotation * direction);
+  const Eigen::Vector3d h =
+      rho * (T_CW * landmark.T_WA.translation) + T_CW.rotation * (landmark.T_WA.rotation * direction);
   if (h.z() <= 0.02) return std::numeric_limits<double>::infinity();
   const Eigen::Vector2d error = observation.feature.normalized - h.head<2>() / h.z();
   return (observation.feature.pixel_jacobian * error).norm();

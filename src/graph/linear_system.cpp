@@ -104,7 +104,8 @@ class LandmarkElimination {
   }
 
   // H += J^T J, g += J^T r over the blocks that are unknowns.
-  static void addDirect(const Factor& factor, const Linearized& linear, const Offsets& offsets, LinearSystem* system) {
+  static void addDirect(const Factor& factor, const Linearized& linear, const Offsets& offsets,
+                        LinearSystem* system) {
     const RowMajorX& J = linear.jacobian;
     int column_a = 0;
     for (const Block& a : factor.blocks) {
@@ -190,7 +191,8 @@ LinearSystem marginalizeFirst(const LinearSystem& system, int count) {
   const Eigen::MatrixXd projected = half.transpose() * H_mr;
   const Eigen::VectorXd g_m = inverse_values.asDiagonal() * (half.transpose() * system.g.head(count));
   LinearSystem result;
-  result.H = system.H.bottomRightCorner(rest, rest) - projected.transpose() * inverse_values.asDiagonal() * projected;
+  result.H = system.H.bottomRightCorner(rest, rest) -
+             projected.transpose() * inverse_values.asDiagonal() * projected;
   result.H = (0.5 * (result.H + result.H.transpose())).eval();
   result.g = system.g.tail(rest) - projected.transpose() * g_m;
   return result;

@@ -12,14 +12,15 @@ namespace {
 using Matrix9d = Eigen::Matrix<double, 9, 9>;
 using Matrix9x30d = Eigen::Matrix<double, 9, 30>;
 
-constexpr int kNoiseRounds = 3;             // of a batch: each may change the variance by kLargestRatio
-constexpr double kFade = 0.97;              // per update: evidence lives for some 30 intervals
-constexpr double kPriorEvidence = 0.5;      // degrees of freedom that speak for the factors staying
-constexpr double kLargestRatio = 9.0;       // of the variance, in one update
-constexpr double kOutlierRatio = 25.0;      // an interval further out than this is no noise but a fault
+constexpr int kNoiseRounds = 3;         // of a batch: each may change the variance by kLargestRatio
+constexpr double kFade = 0.97;          // per update: evidence lives for some 30 intervals
+constexpr double kPriorEvidence = 0.5;  // degrees of freedom that speak for the factors staying
+constexpr double kLargestRatio = 9.0;   // of the variance, in one update
+constexpr double kOutlierRatio = 25.0;  // an interval further out than this is no noise but a fault
 
 // Residual [p, theta, v] of an interval and its Jacobian by both frames' tangents [pose_i motion_i pose_j motion_j].
-void intervalResidual(const FrameState& i, const FrameState& j, const Eigen::Vector3d& g, Vector9d* r, Matrix9x30d* A) {
+void intervalResidual(const FrameState& i, const FrameState& j, const Eigen::Vector3d& g, Vector9d* r,
+                      Matrix9x30d* A) {
   const Preintegration& pre = *j.preintegration;
   const double dt = pre.duration();
   const Eigen::Matrix3d R_iT = i.rotation().conjugate().toRotationMatrix();
@@ -58,7 +59,8 @@ Matrix9d componentCovariance(const Preintegration& pre, double gyro_density, dou
 }
 
 double updatedFactor(double factor, double observed, double expected, double largest) {
-  const double ratio = std::clamp((observed + kPriorEvidence) / (expected + kPriorEvidence), 1.0 / kLargestRatio, kLargestRatio);
+  const double ratio = std::clamp((observed + kPriorEvidence) / (expected + kPriorEvidence),
+                                  1.0 / kLargestRatio, kLargestRatio);
   return std::clamp(factor * std::sqrt(ratio), 1.0, largest);
 }
 
@@ -78,11 +80,15 @@ void NoiseAdaptation::addInterval(const VisualInertialGraph& graph, const GraphC
   Matrix9x30d A;
   intervalResidual(i, j, graph.gravity_W(), &r, &A);
   Eigen::Matrix<double, 30, 30> P;
-  const BlockKey keys[4] = {{i.id, BlockKind::kPose}, {i.id, BlockKind::kMotion}, {j.id, BlockKind::kPose}, {j.id, BlockKind::kMotion}};
+  const BlockKey keys[4] = {{i.id, BlockKind::kPose},
+                            {i.id, BlockKind::kMotion},
+                            {j.id, BlockKind::kPose},
+                            {j.id, BlockKind::kMotion}};
   const int offsets[4] = {0, 6, 15, 21};
   for (int a = 0; a < 4; ++a)
     for (int b = 0; b < 4; ++b)
-      P.block(offsets[a], offsets[b], tangentSize(keys[a].kind), tangentSize(keys[b].kind)) = covariance.block(keys[a], keys[b]);
+      P.block(offsets[a], offsets[b], tangentSize(keys[a].kind), tangentSize(keys[b].kind)) =
+          covariance.block(keys[a], keys[b]);
 
   const Preintegration& pre = *j.preintegration;
   const Matrix9d C = pre.covariance().topLeftCorner<9, 9>();
@@ -99,7 +105,8 @@ void NoiseAdaptation::addInterval(const VisualInertialGraph& graph, const GraphC
   add(componentCovariance(pre, pre.noise().gyroscope_noise_density, 0.0), &gyroscope_);
 }
 
-std::string solveAdaptingNoise(int max_iterations, double outlier_px, VisualInertialGraph* graph, NoiseAdaptation* noise) {
+std::string solveAdaptingNoise(int max_iterations, double outlier_px, VisualInertialGraph* graph,
+                               NoiseAdaptation* noise) {
   for (int round = 0; round < kNoiseRounds; ++round) {
     if (!graph->solve(max_iterations).usable) return "the bundle adjustment failed";
     graph->dropOutliers(outlier_px);
@@ -115,7 +122,8 @@ std::string solveAdaptingNoise(int max_iterations, double outlier_px, VisualIner
 
 void NoiseAdaptation::update() {
   const NoiseFactors before = factors_;
-  factors_.accelerometer = updatedFactor(before.accelerometer, accelerometer_.observed, accelerometer_.expected, largest_);
+  factors_.accelerometer =
+      updatedFactor(before.accelerometer, accelerometer_.observed, accelerometer_.expected, largest_);
   factors_.gyroscope = updatedFactor(before.gyroscope, gyroscope_.observed, gyroscope_.expected, largest_);
   // The evidence was gathered at the old factors: carry it over to the new ones.
   const double a = std::pow(before.accelerometer / factors_.accelerometer, 2);

@@ -81,14 +81,17 @@ GraphCovariance::GraphCovariance(std::vector<BlockKey> keys, Eigen::MatrixXd cov
 }
 
 Eigen::MatrixXd GraphCovariance::block(const BlockKey& row, const BlockKey& column) const {
-  const auto r = std::find(keys_.begin(), keys_.end(), row), c = std::find(keys_.begin(), keys_.end(), column);
+  const auto r = std::find(keys_.begin(), keys_.end(), row),
+             c = std::find(keys_.begin(), keys_.end(), column);
   if (r == keys_.end() || c == keys_.end()) return Eigen::MatrixXd();
   return covariance_.block(offsets_[r - keys_.begin()], offsets_[c - keys_.begin()], tangentSize(row.kind),
                            tangentSize(column.kind));
 }
 
 VisualInertialGraph::VisualInertialGraph(const GraphOptions& options, const CalibrationPrior& prior)
-    : options_(options), calibration_prior_(prior), landmarks_(options.shortest_landmark, options.longest_landmark) {
+    : options_(options),
+      calibration_prior_(prior),
+      landmarks_(options.shortest_landmark, options.longest_landmark) {
   calibration_.setTransform(prior.T_BC);
   calibration_.td = prior.td;
 }
@@ -122,7 +125,8 @@ void VisualInertialGraph::dropSecondNewest() {
   frames_.pop_back();
   const FrameState& dropped = frames_.back();
   landmarks_.removeObservations(dropped.id);
-  newest.preintegration = std::make_shared<Preintegration>(dropped.preintegration->joined(*newest.preintegration));
+  newest.preintegration =
+      std::make_shared<Preintegration>(dropped.preintegration->joined(*newest.preintegration));
   frames_.pop_back();
   frames_.push_back(std::move(newest));
 }
@@ -137,10 +141,14 @@ Block VisualInertialGraph::blockOf(const BlockKey& key) const {
   // Factors are evaluated and solved through pointers into the states, which a const graph owns all the same.
   auto* self = const_cast<VisualInertialGraph*>(this);
   switch (key.kind) {
-    case BlockKind::kExtrinsicRotation: return {self->calibration_.rotation.data(), key.kind};
-    case BlockKind::kExtrinsicTranslation: return {self->calibration_.translation.data(), key.kind};
-    case BlockKind::kTimeOffset: return {&self->calibration_.td, key.kind};
-    default: break;
+    case BlockKind::kExtrinsicRotation:
+      return {self->calibration_.rotation.data(), key.kind};
+    case BlockKind::kExtrinsicTranslation:
+      return {self->calibration_.translation.data(), key.kind};
+    case BlockKind::kTimeOffset:
+      return {&self->calibration_.td, key.kind};
+    default:
+      break;
   }
   auto* frame = const_cast<FrameState*>(findFrame(key.frame));
   if (!frame) return {};
@@ -173,8 +181,10 @@ std::vector<Block> VisualInertialGraph::blocksOf(const std::vector<BlockKey>& ke
 Factor VisualInertialGraph::imuFactor(std::size_t i) const {
   const FrameState &before = frames_[i - 1], &frame = frames_[i];
   return {std::make_unique<ImuFactor>(frame.preintegration, gravity_W()), 0.0,
-          blocksOf({{before.id, BlockKind::kPose}, {before.id, BlockKind::kMotion},
-                    {frame.id, BlockKind::kPose}, {frame.id, BlockKind::kMotion}})};
+          blocksOf({{before.id, BlockKind::kPose},
+                    {before.id, BlockKind::kMotion},
+                    {frame.id, BlockKind::kPose},
+                    {frame.id, BlockKind::kMotion}})};
 }
 
 std::vector<Factor> VisualInertialGraph::imuFactors() const {
@@ -192,16 +202,23 @@ Factor VisualInertialGraph::reprojectionFactor(const Landmark& landmark, const O
   m.reference_td = frame.reference_td;
   m.velocity_W = frame.velocity();
   m.angular_velocity_B = frame.measured_angular_velocity - frame.bias().gyroscope;
-  return {std::make_unique<ReprojectionFactor>(m), options_.huber_threshold,
-          {blockOf({frame.id, BlockKind::kPose}), blockOf(kRotationKey), blockOf(kTranslationKey),
-           blockOf(kTimeOffsetKey), {const_cast<double*>(landmark.parameters.data()), BlockKind::kLandmark}}};
+  return {std::make_unique<ReprojectionFactor>(m),
+          options_.huber_threshold,
+          {blockOf({frame.id, BlockKind::kPose}),
+           blockOf(kRotationKey),
+           blockOf(kTranslationKey),
+           blockOf(kTimeOffsetKey),
+           {const_cast<double*>(landmark.parameters.data()), BlockKind::kLandmark}}};
 }
 
-void VisualInertialGraph::appendLandmarkFactors(const Landmark& landmark, std::vector<Factor>* factors) const {
+void VisualInertialGraph::appendLandmarkFactors(const Landmark& landmark,
+                                                std::vector<Factor>* factors) const {
   if (!landmark.initialized || landmark.observations.size() < 2) return;
   const Block landmark_block{const_cast<double*>(landmark.parameters.data()), BlockKind::kLandmark};
-  factors->push_back({std::make_unique<InverseDepthPriorFactor>(kInverseDepthPriorMean, kInverseDepthPriorSigma), 0.0,
-                      {landmark_block}});
+  factors->push_back(
+      {std::make_unique<InverseDepthPriorFactor>(kInverseDepthPriorMean, kInverseDepthPriorSigma),
+       0.0,
+       {landmark_block}});
   for (const Observation& observation : landmark.observations)
     if (const FrameState* frame = findFrame(observation.frame))
       factors->push_back(reprojectionFactor(landmark, observation, *frame));
@@ -212,7 +229,8 @@ std::vector<Factor> VisualInertialGraph::newestFrameFactors() const {
   const FrameState& newest = frames_.back();
   factors.push_back(imuFactor(frames_.size() - 1));
   for (const auto& [id, landmark] : landmarks_.landmarks()) {
-    if (!landmark.solved || !landmark.initialized || landmark.observations.back().frame != newest.id) continue;
+    if (!landmark.solved || !landmark.initialized || landmark.observations.back().frame != newest.id)
+      continue;
     factors.push_back(reprojectionFactor(landmark, landmark.observations.back(), newest));
   }
   return factors;
@@ -221,17 +239,20 @@ std::vector<Factor> VisualInertialGraph::newestFrameFactors() const {
 void VisualInertialGraph::appendFirstFramePrior(std::vector<Factor>* factors) const {
   if (!first_frame_prior_ || !findFrame(first_frame_prior_->frame)) return;
   const FirstFramePrior& prior = *first_frame_prior_;
-  factors->push_back({std::make_unique<PosePriorFactor>(prior.T_WB, prior.pose_sqrt_information), 0.0,
+  factors->push_back({std::make_unique<PosePriorFactor>(prior.T_WB, prior.pose_sqrt_information),
+                      0.0,
                       {blockOf({prior.frame, BlockKind::kPose})}});
-  factors->push_back({std::make_unique<DiagonalPriorFactor<9>>(prior.motion_mean, prior.motion_sigma), 0.0,
+  factors->push_back({std::make_unique<DiagonalPriorFactor<9>>(prior.motion_mean, prior.motion_sigma),
+                      0.0,
                       {blockOf({prior.frame, BlockKind::kMotion})}});
 }
 
 void VisualInertialGraph::appendMarginalPrior(std::vector<Factor>* factors) const {
   if (!marginal_prior_) return;
   const MarginalPrior& prior = *marginal_prior_;
-  factors->push_back({std::make_unique<MarginalPriorFactor>(prior.linearization_points, prior.jacobian, prior.residual),
-                      0.0, blocksOf(prior.keys)});
+  factors->push_back(
+      {std::make_unique<MarginalPriorFactor>(prior.linearization_points, prior.jacobian, prior.residual), 0.0,
+       blocksOf(prior.keys)});
 }
 
 void VisualInertialGraph::appendCalibrationPrior(std::vector<Factor>* factors) const {
@@ -243,7 +264,8 @@ void VisualInertialGraph::appendCalibrationPrior(std::vector<Factor>* factors) c
   using Scalar = Eigen::Matrix<double, 1, 1>;
   factors->push_back({std::make_unique<DiagonalPriorFactor<1>>(Scalar(calibration_prior_.td),
                                                                Scalar(calibration_prior_.sigma_td)),
-                      0.0, {blockOf(kTimeOffsetKey)}});
+                      0.0,
+                      {blockOf(kTimeOffsetKey)}});
 }
 
 std::vector<Factor> VisualInertialGraph::allFactors() const {
@@ -261,9 +283,10 @@ SolveSummary VisualInertialGraph::solve(int max_iterations, double function_tole
   options.linear_solver_type = ceres::DENSE_SCHUR;
   options.max_num_iterations = max_iterations;
   options.function_tolerance = function_tolerance;
-  const SolveSummary summary =
-      solveFactors(allFactors(), options_.huber_threshold, [this](const Block& b) { return isHeld(b.kind); }, options);
-  for (auto& [id, landmark] : landmarks_.landmarks()) landmark.solved = landmark.solved || landmark.initialized;
+  const SolveSummary summary = solveFactors(
+      allFactors(), options_.huber_threshold, [this](const Block& b) { return isHeld(b.kind); }, options);
+  for (auto& [id, landmark] : landmarks_.landmarks())
+    landmark.solved = landmark.solved || landmark.initialized;
   return summary;
 }
 
@@ -274,7 +297,9 @@ SolveSummary VisualInertialGraph::solveNewest(int max_iterations) {
   options.linear_solver_type = ceres::DENSE_QR;
   options.max_num_iterations = max_iterations;
   options.function_tolerance = 1e-4;
-  const auto held = [&](const Block& b) { return b.data != newest.pose.data() && b.data != newest.motion.data(); };
+  const auto held = [&](const Block& b) {
+    return b.data != newest.pose.data() && b.data != newest.motion.data();
+  };
   return solveFactors(newestFrameFactors(), options_.huber_threshold, held, options);
 }
 
@@ -286,17 +311,20 @@ void VisualInertialGraph::setPrior(const std::vector<BlockKey>& keys, const Line
   // Square root of the information, equilibrated so that the rank decision does not depend on units.
   const Eigen::VectorXd scale = system.H.diagonal().cwiseMax(1e-12).cwiseSqrt();
   const Eigen::VectorXd inverse_scale = scale.cwiseInverse();
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(inverse_scale.asDiagonal() * system.H * inverse_scale.asDiagonal());
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(inverse_scale.asDiagonal() * system.H *
+                                                              inverse_scale.asDiagonal());
   const Eigen::ArrayXd values = solver.eigenvalues().array();
   const Eigen::VectorXd root = (values > 1e-12).select(values.max(1e-12).sqrt(), 0.0);
   const Eigen::VectorXd inverse_root = (values > 1e-12).select(values.max(1e-12).sqrt().inverse(), 0.0);
   MarginalPrior prior;
   prior.keys = keys;
   prior.jacobian = root.asDiagonal() * solver.eigenvectors().transpose() * scale.asDiagonal();
-  prior.residual = inverse_root.asDiagonal() * (solver.eigenvectors().transpose() * (inverse_scale.asDiagonal() * system.g));
+  prior.residual = inverse_root.asDiagonal() *
+                   (solver.eigenvectors().transpose() * (inverse_scale.asDiagonal() * system.g));
   for (const BlockKey& key : keys) {
     const Block block = blockOf(key);
-    prior.linearization_points.push_back(Eigen::Map<const Eigen::VectorXd>(block.data, ambientSize(key.kind)));
+    prior.linearization_points.push_back(
+        Eigen::Map<const Eigen::VectorXd>(block.data, ambientSize(key.kind)));
   }
   marginal_prior_ = std::move(prior);
 }

@@ -18,6 +18,10 @@ bool earlier(const ImuSample& sample, TimeNs stamp) {
   return sample.stamp < stamp;
 }
 
+bool later(TimeNs stamp, const ImuSample& sample) {
+  return stamp < sample.stamp;
+}
+
 }  // namespace
 
 ImuBuffer::AddResult ImuBuffer::add(const ImuSample& sample) {
@@ -48,10 +52,11 @@ std::vector<ImuSample> ImuBuffer::slice(TimeNs begin, TimeNs end) const {
 }
 
 TimeNs ImuBuffer::largestGap(TimeNs begin, TimeNs end) const {
-  const std::vector<ImuSample> samples = slice(begin, end);
   TimeNs largest = 0;
-  for (std::size_t i = 1; i < samples.size(); ++i)
-    largest = std::max(largest, samples[i].stamp - samples[i - 1].stamp);
+  auto it = std::upper_bound(samples_.begin(), samples_.end(), begin, later);
+  if (it == samples_.begin() && it != samples_.end()) ++it;
+  for (; it != samples_.end() && std::prev(it)->stamp < end; ++it)
+    largest = std::max(largest, it->stamp - std::prev(it)->stamp);
   return largest;
 }
 

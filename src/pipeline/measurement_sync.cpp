@@ -14,11 +14,15 @@ constexpr std::size_t kMaxWaiting = 60;
 MeasurementSync::MeasurementSync() : imu_(kImuHorizon) {}
 
 MeasurementSync::ImuVerdict MeasurementSync::addImu(const ImuSample& sample) {
-  if (sample.isFinite() && !imu_.empty() && sample.stamp < imu_.newest() - kJump) return ImuVerdict::kTimeJumpedBack;
+  if (sample.isFinite() && !imu_.empty() && sample.stamp < imu_.newest() - kJump)
+    return ImuVerdict::kTimeJumpedBack;
   switch (imu_.add(sample)) {
-    case ImuBuffer::AddResult::kAdded: return ImuVerdict::kAdded;
-    case ImuBuffer::AddResult::kNotFinite: return ImuVerdict::kNotFinite;
-    default: return ImuVerdict::kOutOfOrder;
+    case ImuBuffer::AddResult::kAdded:
+      return ImuVerdict::kAdded;
+    case ImuBuffer::AddResult::kNotFinite:
+      return ImuVerdict::kNotFinite;
+    default:
+      return ImuVerdict::kOutOfOrder;
   }
 }
 

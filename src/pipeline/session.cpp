@@ -40,13 +40,15 @@ Matrix6d extrinsicCovariance(const GraphCovariance& covariance) {
 Session::Session(double focal_length, const RigModel& rig, const VioOptions& options,
                  const std::optional<Transform>& start_pose)
     : options_(options), noise_(rig.imu_noise), start_pose_(start_pose), monitor_(options.monitor) {
-  initializer_ = std::make_unique<CalibratingInitializer>(focal_length, rig.imu_noise, rig.extrinsics_prior,
-                                                          rig.time_offset_prior, options.initializer,
-                                                          options.rotation_calibrator, graphOptions(options.estimator));
+  initializer_ = std::make_unique<CalibratingInitializer>(
+      focal_length, rig.imu_noise, rig.extrinsics_prior, rig.time_offset_prior, options.initializer,
+      options.rotation_calibrator, graphOptions(options.estimator));
   if (options.fix_extrinsics) hold_rotation_ = hold_translation_ = true;
 }
 
-double Session::td() const { return estimator_ ? estimator_->graph().calibration().td : initializer_->td(); }
+double Session::td() const {
+  return estimator_ ? estimator_->graph().calibration().td : initializer_->td();
+}
 
 bool Session::process(const FeatureFrame& frame, const ImuBuffer& imu, VioUpdate* update) {
   if (!estimator_) return initialize(frame, imu, update);
@@ -88,7 +90,8 @@ void Session::startEstimator(InitializedProblem problem) {
     const Eigen::Quaterniond turn(Eigen::AngleAxisd(yaw, Eigen::Vector3d::UnitZ()));
     T_odom_W_ = Transform(turn, start_pose_->translation - turn * T_WB.translation);
   }
-  estimator_ = std::make_unique<SlidingWindowEstimator>(std::move(problem.graph), problem.noise, options_.estimator);
+  estimator_ =
+      std::make_unique<SlidingWindowEstimator>(std::move(problem.graph), problem.noise, options_.estimator);
   estimator_->hold(hold_rotation_, hold_translation_, hold_td_);
 }
 
@@ -159,8 +162,8 @@ void Session::fillOdometry(VioUpdate* update) const {
     const Eigen::Matrix3d turn = T_odom_W_.rotationMatrix();
     odometry.velocity_covariance_W = variance_factor * turn * motion.topLeftCorner<3, 3>() * turn.transpose();
     const double white = noise_.gyroscope_noise_density * estimator_->noiseFactors().gyroscope;
-    odometry.angular_velocity_covariance_B =
-        variance_factor * motion.block<3, 3>(3, 3) + white * white * noise_.update_rate * Eigen::Matrix3d::Identity();
+    odometry.angular_velocity_covariance_B = variance_factor * motion.block<3, 3>(3, 3) +
+                                             white * white * noise_.update_rate * Eigen::Matrix3d::Identity();
   }
   update->odometry = odometry;
 }
@@ -202,7 +205,8 @@ void Session::fillState(VioUpdate* update) const {
   update->reason = monitor_.reason();
 }
 
-std::optional<Eigen::Matrix3d> Session::predictedRotation(TimeNs previous, TimeNs current, const ImuBuffer& imu) const {
+std::optional<Eigen::Matrix3d> Session::predictedRotation(TimeNs previous, TimeNs current,
+                                                          const ImuBuffer& imu) const {
   std::optional<Eigen::Quaterniond> R_BC = initializer_->rotation();
   ImuBias bias{initializer_->gyroscopeBias(), Eigen::Vector3d::Zero()};
   if (estimator_) {

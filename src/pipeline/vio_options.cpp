@@ -5,7 +5,8 @@ namespace autocal_vio {
 std::vector<std::string> validateAll(VioOptions options) {
   std::vector<std::string> problems;
   options.visitSections([&](const char* section, auto& part) {
-    for (const std::string& violation : validateOptions(part)) problems.push_back(std::string(section) + "." + violation);
+    for (const std::string& violation : validateOptions(part))
+      problems.push_back(std::string(section) + "." + violation);
   });
   return problems;
 }

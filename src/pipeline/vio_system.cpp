@@ -23,7 +23,8 @@ CameraModel makeCamera(const RigModel& rig, const VioOptions& options) {
   const std::vector<std::string> noise = rig.imu_noise.validate();
   problems.insert(problems.end(), noise.begin(), noise.end());
   if (!rig.camera) problems.push_back("no camera intrinsics");
-  if (options.fix_extrinsics && !rig.extrinsics_prior) problems.push_back("fix_extrinsics needs extrinsics to hold");
+  if (options.fix_extrinsics && !rig.extrinsics_prior)
+    problems.push_back("fix_extrinsics needs extrinsics to hold");
   if (rig.camera) {
     const std::vector<std::string> camera = rig.camera->validate();
     problems.insert(problems.end(), camera.begin(), camera.end());
@@ -39,16 +40,24 @@ CameraModel makeCamera(const RigModel& rig, const VioOptions& options) {
 class VioSystem::Impl {
  public:
   Impl(const RigModel& rig, const VioOptions& options, UpdateSink sink)
-      : camera_(makeCamera(rig, options)), rig_(rig), options_(options), sink_(std::move(sink)),
+      : camera_(makeCamera(rig, options)),
+        rig_(rig),
+        options_(options),
+        sink_(std::move(sink)),
         tracker_(camera_, options.tracker) {
     startSession(rig_, std::nullopt);
   }
 
   void addImu(const ImuSample& sample) {
     switch (sync_.addImu(sample)) {
-      case MeasurementSync::ImuVerdict::kAdded: break;
-      case MeasurementSync::ImuVerdict::kNotFinite: ++counters_.imu_not_finite; return;
-      case MeasurementSync::ImuVerdict::kOutOfOrder: ++counters_.imu_out_of_order; return;
+      case MeasurementSync::ImuVerdict::kAdded:
+        break;
+      case MeasurementSync::ImuVerdict::kNotFinite:
+        ++counters_.imu_not_finite;
+        return;
+      case MeasurementSync::ImuVerdict::kOutOfOrder:
+        ++counters_.imu_out_of_order;
+        return;
       case MeasurementSync::ImuVerdict::kTimeJumpedBack:
         restartClock();
         sync_.addImu(sample);
@@ -75,7 +84,8 @@ class VioSystem::Impl {
   }
 
   bool addImage(const ImageFrame& frame, std::string* problem) {
-    const bool usable = frame.image.type() == CV_8UC1 && frame.image.cols == camera_.width() && frame.image.rows == camera_.height();
+    const bool usable = frame.image.type() == CV_8UC1 && frame.image.cols == camera_.width() &&
+                        frame.image.rows == camera_.height();
     if (!usable) {
       ++counters_.images_dropped;
       setProblem(problem, "the image is not 8-bit grey of " + std::to_string(camera_.width()) + "x" +
@@ -162,7 +172,8 @@ class VioSystem::Impl {
   FeatureFrame track(const PendingFrame& pending) {
     const StageClock clock;
     std::optional<Eigen::Matrix3d> prediction;
-    if (last_processed_) prediction = session_->predictedRotation(*last_processed_, pending.stamp, sync_.imu());
+    if (last_processed_)
+      prediction = session_->predictedRotation(*last_processed_, pending.stamp, sync_.imu());
     FeatureFrame frame = tracker_.track(pending.stamp, pending.image, prediction);
     update_.times.tracking_ms = clock.elapsedMs();
     return frame;
@@ -200,9 +211,13 @@ VioSystem::VioSystem(const RigModel& rig, const VioOptions& options, UpdateSink 
 
 VioSystem::~VioSystem() = default;
 
-void VioSystem::addImu(const ImuSample& sample) { impl_->addImu(sample); }
+void VioSystem::addImu(const ImuSample& sample) {
+  impl_->addImu(sample);
+}
 
-bool VioSystem::addImage(const ImageFrame& frame, std::string* problem) { return impl_->addImage(frame, problem); }
+bool VioSystem::addImage(const ImageFrame& frame, std::string* problem) {
+  return impl_->addImage(frame, problem);
+}
 
 bool VioSystem::addFeatures(const FeatureFrame& frame, std::string* problem) {
   PendingFrame pending;
@@ -211,12 +226,20 @@ bool VioSystem::addFeatures(const FeatureFrame& frame, std::string* problem) {
   return impl_->addFrame(std::move(pending), problem);
 }
 
-void VioSystem::reset(bool keep_calibration) { impl_->reset(keep_calibration); }
+void VioSystem::reset(bool keep_calibration) {
+  impl_->reset(keep_calibration);
+}
 
-void VioSystem::freeze(const FreezeSelection& selection) { impl_->freeze(selection); }
+void VioSystem::freeze(const FreezeSelection& selection) {
+  impl_->freeze(selection);
+}
 
-const CameraModel& VioSystem::camera() const { return impl_->camera(); }
+const CameraModel& VioSystem::camera() const {
+  return impl_->camera();
+}
 
-const VioUpdate& VioSystem::lastUpdate() const { return impl_->lastUpdate(); }
+const VioUpdate& VioSystem::lastUpdate() const {
+  return impl_->lastUpdate();
+}
 
 }  // namespace autocal_vio

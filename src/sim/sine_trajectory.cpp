@@ -29,6 +29,17 @@ Eigen::Vector3d angularVelocity(const Eigen::Vector3d& angles, const Eigen::Vect
 
 }  // namespace
 
+std::optional<MotionKind> motionKindFromName(const std::string& name) {
+  if (name == "free") return MotionKind::kFree;
+  if (name == "standstill") return MotionKind::kStandstill;
+  if (name == "pure_rotation") return MotionKind::kPureRotation;
+  if (name == "one_axis_rotation") return MotionKind::kOneAxisRotation;
+  if (name == "constant_velocity") return MotionKind::kConstantVelocity;
+  if (name == "planar") return MotionKind::kPlanar;
+  if (name == "straight_line") return MotionKind::kStraightLine;
+  return std::nullopt;
+}
+
 SineTrajectory::SineTrajectory(const SineTrajectoryOptions& options) : options_(options) {
   if (!(options.duration > 0.0 && options.duration < 1e6))
     throw std::invalid_argument("trajectory: duration must be within (0, 1e6) s");

@@ -26,16 +26,18 @@ struct Start {
   double rotation_deg = 1.0, translation_m = 0.03;
 };
 
-SlidingWindowEstimator startFromTruth(const FeatureDataset& data, const ImuBuffer& imu, std::size_t first, std::size_t count,
-                                      std::size_t step, const Start& start, const EstimatorOptions& options) {
+SlidingWindowEstimator startFromTruth(const FeatureDataset& data, const ImuBuffer& imu, std::size_t first,
+                                      std::size_t count, std::size_t step, const Start& start,
+                                      const EstimatorOptions& options) {
   GraphOptions graph_options;
   graph_options.pixel_sigma = options.pixel_sigma;
   CalibrationPrior prior;
   prior.sigma_translation.setConstant(0.3);
   VisualInertialGraph graph(graph_options, prior);
   const Eigen::Vector3d tilt = Eigen::Vector3d(1, -1, 1).normalized() * start.rotation_deg / kDegrees;
-  const Transform T_BC(data.rig.T_imu_cam.rotation * expSo3(tilt),
-                       data.rig.T_imu_cam.translation + Eigen::Vector3d(1, 1, -1).normalized() * start.translation_m);
+  const Transform T_BC(
+      data.rig.T_imu_cam.rotation * expSo3(tilt),
+      data.rig.T_imu_cam.translation + Eigen::Vector3d(1, 1, -1).normalized() * start.translation_m);
   graph.calibration().setTransform(T_BC);
   for (std::size_t i = first; i < first + count * step; i += step) {
     const TruthSample& truth = data.truth[i];
@@ -47,7 +49,8 @@ SlidingWindowEstimator startFromTruth(const FeatureDataset& data, const ImuBuffe
     frame.setMotion(truth.velocity_W, ImuBias());
     frame.measured_angular_velocity = imu.at(truth.stamp)->angular_velocity;
     if (i > first)
-      frame.preintegration = std::make_shared<Preintegration>(imu.slice(data.truth[i - step].stamp, truth.stamp), ImuBias(), data.rig.rig.imu_noise);
+      frame.preintegration = std::make_shared<Preintegration>(
+          imu.slice(data.truth[i - step].stamp, truth.stamp), ImuBias(), data.rig.rig.imu_noise);
     graph.addFrame(frame);
     graph.landmarkMap().closeFullLandmarks();
   }
@@ -87,9 +90,15 @@ Outcome run(const FeatureSimulationOptions& simulation, double seconds, const St
     if (std::getenv("VERBOSE") && images % 40 == 0) {
       const Transform T = estimator.graph().calibration().T_BC();
       const Eigen::Vector3d rot = logSo3(data.rig.T_imu_cam.rotation.conjugate() * T.rotation);
-      std::printf("  t %5.1f pos err %.4f rot %.4f deg trans %.2f mm td %.3f ms  noise %.1f %.1f px %.2f frames dt %.2f lm %zu\n", toSeconds(data.frames[i].stamp - data.frames[0].stamp), error, rot.norm() * kDegrees,
-                  1e3 * (T.translation - data.rig.T_imu_cam.translation).norm(), 1e3 * estimator.graph().calibration().td, estimator.noiseFactors().accelerometer,
-                  estimator.noiseFactors().gyroscope, estimator.graph().optionsView().pixel_sigma, toSeconds(estimator.graph().frames().back().stamp - estimator.graph().frames().front().stamp), estimator.graph().landmarkMap().landmarks().size());
+      std::printf(
+          "  t %5.1f pos err %.4f rot %.4f deg trans %.2f mm td %.3f ms  noise %.1f %.1f px %.2f frames dt "
+          "%.2f lm %zu\n",
+          toSeconds(data.frames[i].stamp - data.frames[0].stamp), error, rot.norm() * kDegrees,
+          1e3 * (T.translation - data.rig.T_imu_cam.translation).norm(),
+          1e3 * estimator.graph().calibration().td, estimator.noiseFactors().accelerometer,
+          estimator.noiseFactors().gyroscope, estimator.graph().optionsView().pixel_sigma,
+          toSeconds(estimator.graph().frames().back().stamp - estimator.graph().frames().front().stamp),
+          estimator.graph().landmarkMap().landmarks().size());
     }
     squared += error * error;
     outcome.distance_m += (data.truth[i].T_WB.translation - data.truth[i - 1].T_WB.translation).norm();
@@ -105,12 +114,16 @@ Outcome run(const FeatureSimulationOptions& simulation, double seconds, const St
   outcome.noise = estimator.noiseFactors();
   outcome.pixel_sigma = estimator.graph().optionsView().pixel_sigma;
   const GraphCovariance& covariance = *estimator.covariance();
-  outcome.sigmas << translation.cwiseQuotient(covariance.block({-1, BlockKind::kExtrinsicTranslation}).diagonal().cwiseSqrt()),
+  outcome.sigmas << translation.cwiseQuotient(
+      covariance.block({-1, BlockKind::kExtrinsicTranslation}).diagonal().cwiseSqrt()),
       rotation.cwiseQuotient(covariance.block({-1, BlockKind::kExtrinsicRotation}).diagonal().cwiseSqrt());
-  std::printf("seed %llu: rotation %.4f deg, translation %.2f mm, td %.3f ms, position %.3f m of %.1f m, %.2f ms/image, noise x%.1f x%.1f, %.2f px, error/sigma %.1f %.1f %.1f | %.1f %.1f %.1f\n",
-              static_cast<unsigned long long>(simulation.seed), outcome.rotation_deg, 1e3 * outcome.translation_m, outcome.td_ms,
-              outcome.position_error_m, outcome.distance_m, outcome.ms_per_image, outcome.noise.accelerometer, outcome.noise.gyroscope, outcome.pixel_sigma,
-              outcome.sigmas(0), outcome.sigmas(1), outcome.sigmas(2), outcome.sigmas(3), outcome.sigmas(4), outcome.sigmas(5));
+  std::printf(
+      "seed %llu: rotation %.4f deg, translation %.2f mm, td %.3f ms, position %.3f m of %.1f m, %.2f "
+      "ms/image, noise x%.1f x%.1f, %.2f px, error/sigma %.1f %.1f %.1f | %.1f %.1f %.1f\n",
+      static_cast<unsigned long long>(simulation.seed), outcome.rotation_deg, 1e3 * outcome.translation_m,
+      outcome.td_ms, outcome.position_error_m, outcome.distance_m, outcome.ms_per_image,
+      outcome.noise.accelerometer, outcome.noise.gyroscope, outcome.pixel_sigma, outcome.sigmas(0),
+      outcome.sigmas(1), outcome.sigmas(2), outcome.sigmas(3), outcome.sigmas(4), outcome.sigmas(5));
   return outcome;
 }
 

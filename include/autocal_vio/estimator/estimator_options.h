@@ -4,7 +4,6 @@ namespace autocal_vio {
 
 struct EstimatorOptions {
   int window_keyframes = 10;
-  int max_landmarks = 150;
   int max_iterations = 6;
   double keyframe_parallax = 20.0;
   double keyframe_max_interval = 0.5;
@@ -16,7 +15,6 @@ struct EstimatorOptions {
   template <class Visitor>
   void visitFields(Visitor&& visit) {
     visit("window_keyframes", window_keyframes, 4, 50, "keyframes in the window [-]");
-    visit("max_landmarks", max_landmarks, 20, 1000, "landmarks in the window's problem [-]");
     visit("max_iterations", max_iterations, 1, 100, "solver iterations per image [-]");
     visit("keyframe_parallax", keyframe_parallax, 1, 200,
           "mean rotation-compensated parallax that makes a keyframe [px]");
@@ -26,7 +24,8 @@ struct EstimatorOptions {
     visit("huber_threshold", huber_threshold, 0.1, 100,
           "Huber threshold of a whitened reprojection residual [-]");
     visit("gravity_magnitude", gravity_magnitude, 9.5, 10.0, "magnitude of gravity [m/s^2]");
-    visit("sigma_inflation", sigma_inflation, 1, 20, "published sigmas over those of white noise: tracking errors are correlated in time [-]");
+    visit("sigma_inflation", sigma_inflation, 1, 20,
+          "published sigmas over those of white noise: tracking errors are correlated in time [-]");
   }
 };
 

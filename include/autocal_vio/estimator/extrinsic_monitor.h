@@ -20,11 +20,14 @@ struct ExtrinsicMonitorOptions {
 
   template <class Visitor>
   void visitFields(Visitor&& visit) {
-    visit("max_sigma_rotation_deg", max_sigma_rotation_deg, 0.001, 10, "converged below this sigma of R_BC, worst axis [deg]");
-    visit("max_sigma_translation", max_sigma_translation, 1e-4, 1, "converged below this sigma of p_BC, worst axis [m]");
+    visit("max_sigma_rotation_deg", max_sigma_rotation_deg, 0.001, 10,
+          "converged below this sigma of R_BC, worst axis [deg]");
+    visit("max_sigma_translation", max_sigma_translation, 1e-4, 1,
+          "converged below this sigma of p_BC, worst axis [m]");
     visit("max_sigma_td", max_sigma_td, 1e-5, 0.1, "converged below this sigma of the time offset [s]");
     visit("stable_time", stable_time, 0, 60, "time for which the estimate must have been stable [s]");
-    visit("max_step_sigmas", max_step_sigmas, 0.1, 20, "largest move within that time, in present sigmas [-]");
+    visit("max_step_sigmas", max_step_sigmas, 0.1, 20,
+          "largest move within that time, in present sigmas [-]");
   }
 };
 
@@ -46,8 +49,8 @@ class ExtrinsicMonitor {
   void reset();
 
   bool converged() const { return converged_; }
-  const std::string& reason() const { return reason_; }         ///< why (not), in words
-  const std::string& motionAdvice() const { return advice_; }   ///< motion that would help
+  const std::string& reason() const { return reason_; }        ///< why (not), in words
+  const std::string& motionAdvice() const { return advice_; }  ///< motion that would help
   std::array<bool, 3> rotationObservable() const { return rotation_observable_; }
   std::array<bool, 3> translationObservable() const { return translation_observable_; }
 

@@ -21,7 +21,8 @@ struct EstimatorResult {
 class SlidingWindowEstimator {
  public:
   /// Takes over the initialiser's solved graph and marginalises it down to the window.
-  SlidingWindowEstimator(VisualInertialGraph graph, const NoiseAdaptation& noise, const EstimatorOptions& options);
+  SlidingWindowEstimator(VisualInertialGraph graph, const NoiseAdaptation& noise,
+                         const EstimatorOptions& options);
 
   /// Processes the next image's tracks; the IMU must cover its stamp + td and the time since the last image.
   EstimatorResult process(const FeatureFrame& frame, const ImuBuffer& imu);

@@ -43,7 +43,8 @@ template <int N>
 class DiagonalPriorFactor final : public ceres::SizedCostFunction<N, N> {
  public:
   using Vector = Eigen::Matrix<double, N, 1>;
-  DiagonalPriorFactor(const Vector& mean, const Vector& sigma) : mean_(mean), inverse_sigma_(sigma.cwiseInverse()) {}
+  DiagonalPriorFactor(const Vector& mean, const Vector& sigma)
+      : mean_(mean), inverse_sigma_(sigma.cwiseInverse()) {}
 
   bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
     const Eigen::Map<const Vector> x(parameters[0]);

@@ -13,10 +13,11 @@ namespace autocal_vio {
 
 /// The measurement and all that is constant during a solve.
 struct ReprojectionMeasurement {
-  Eigen::Vector2d normalized = Eigen::Vector2d::Zero();            ///< measured (x/z, y/z)
-  Eigen::Matrix2d sqrt_information = Eigen::Matrix2d::Identity();  ///< d pixel / d normalized over the pixel sigma
-  Transform T_WA;  ///< anchor of the landmark: a fixed camera pose in the world, not a state
-  double reference_td = 0.0;  ///< the frame's pose is that of IMU-clock time t_cam + reference_td [s]
+  Eigen::Vector2d normalized = Eigen::Vector2d::Zero();  ///< measured (x/z, y/z)
+  Eigen::Matrix2d sqrt_information =
+      Eigen::Matrix2d::Identity();  ///< d pixel / d normalized over the pixel sigma
+  Transform T_WA;                   ///< anchor of the landmark: a fixed camera pose in the world, not a state
+  double reference_td = 0.0;        ///< the frame's pose is that of IMU-clock time t_cam + reference_td [s]
   Eigen::Vector3d velocity_W = Eigen::Vector3d::Zero();          ///< of B at that time [m/s]
   Eigen::Vector3d angular_velocity_B = Eigen::Vector3d::Zero();  ///< at that time, bias removed [rad/s]
 };

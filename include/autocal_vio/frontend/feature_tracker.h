@@ -21,7 +21,8 @@ class FeatureTracker {
 
   /// Tracks into `image` (CV_8UC1, the camera's size) and fills up with new corners.
   /// `R_previous_current`: predicted rotation, takes coordinates of the current camera frame to the previous one.
-  FeatureFrame track(TimeNs stamp, const cv::Mat& image, const std::optional<Eigen::Matrix3d>& R_previous_current);
+  FeatureFrame track(TimeNs stamp, const cv::Mat& image,
+                     const std::optional<Eigen::Matrix3d>& R_previous_current);
 
   /// Forgets all tracks; ids are not used again.
   void reset();
@@ -34,7 +35,8 @@ class FeatureTracker {
   };
 
   std::vector<cv::Point2f> predict(const std::optional<Eigen::Matrix3d>& R_previous_current) const;
-  void trackForward(const std::vector<cv::Mat>& pyramid, const std::optional<Eigen::Matrix3d>& R_previous_current);
+  void trackForward(const std::vector<cv::Mat>& pyramid,
+                    const std::optional<Eigen::Matrix3d>& R_previous_current);
   void rejectOutliers(const std::vector<Feature>& before);
   void detect(const cv::Mat& image);
 

@@ -9,23 +9,38 @@
 
 namespace autocal_vio {
 
-enum class BlockKind : std::uint8_t { kPose, kMotion, kExtrinsicRotation, kExtrinsicTranslation, kTimeOffset, kLandmark };
+enum class BlockKind : std::uint8_t {
+  kPose,
+  kMotion,
+  kExtrinsicRotation,
+  kExtrinsicTranslation,
+  kTimeOffset,
+  kLandmark
+};
 
 /// Numbers in the state, and in its tangent.
 constexpr int ambientSize(BlockKind kind) {
   switch (kind) {
-    case BlockKind::kPose: return 7;
-    case BlockKind::kMotion: return 9;
-    case BlockKind::kExtrinsicRotation: return 4;
-    case BlockKind::kTimeOffset: return 1;
-    default: return 3;
+    case BlockKind::kPose:
+      return 7;
+    case BlockKind::kMotion:
+      return 9;
+    case BlockKind::kExtrinsicRotation:
+      return 4;
+    case BlockKind::kTimeOffset:
+      return 1;
+    default:
+      return 3;
   }
 }
 constexpr int tangentSize(BlockKind kind) {
   switch (kind) {
-    case BlockKind::kPose: return 6;
-    case BlockKind::kExtrinsicRotation: return 3;
-    default: return ambientSize(kind);
+    case BlockKind::kPose:
+      return 6;
+    case BlockKind::kExtrinsicRotation:
+      return 3;
+    default:
+      return ambientSize(kind);
   }
 }
 
@@ -40,7 +55,9 @@ struct BlockKey {
   std::int64_t frame = -1;  ///< id of the frame; -1 for the calibration
   BlockKind kind = BlockKind::kPose;
 
-  friend bool operator==(const BlockKey& a, const BlockKey& b) { return a.frame == b.frame && a.kind == b.kind; }
+  friend bool operator==(const BlockKey& a, const BlockKey& b) {
+    return a.frame == b.frame && a.kind == b.kind;
+  }
   friend bool operator<(const BlockKey& a, const BlockKey& b) {
     return a.frame != b.frame ? a.frame < b.frame : a.kind < b.kind;
   }

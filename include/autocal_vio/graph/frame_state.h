@@ -22,15 +22,20 @@ struct FrameState {
   double reference_td = 0.0;  ///< the states hold at IMU-clock time stamp + reference_td [s]
   std::array<double, 7> pose{{0, 0, 0, 0, 0, 0, 1}};  ///< T_WB: position [m], quaternion x y z w
   std::array<double, 9> motion{};                     ///< v_WB [m/s], b_g [rad/s], b_a [m/s^2]
-  Eigen::Vector3d measured_angular_velocity = Eigen::Vector3d::Zero();  ///< gyroscope at that time, with bias [rad/s]
+  Eigen::Vector3d measured_angular_velocity =
+      Eigen::Vector3d::Zero();                     ///< gyroscope at that time, with bias [rad/s]
   std::shared_ptr<Preintegration> preintegration;  ///< from the frame before; null at the first frame
   std::vector<Feature> features;
 
-  Eigen::Map<const Eigen::Vector3d> position() const { return Eigen::Map<const Eigen::Vector3d>(pose.data()); }
+  Eigen::Map<const Eigen::Vector3d> position() const {
+    return Eigen::Map<const Eigen::Vector3d>(pose.data());
+  }
   Eigen::Map<const Eigen::Quaterniond> rotation() const {
     return Eigen::Map<const Eigen::Quaterniond>(pose.data() + 3);
   }
-  Eigen::Map<const Eigen::Vector3d> velocity() const { return Eigen::Map<const Eigen::Vector3d>(motion.data()); }
+  Eigen::Map<const Eigen::Vector3d> velocity() const {
+    return Eigen::Map<const Eigen::Vector3d>(motion.data());
+  }
   ImuBias bias() const {
     return ImuBias{Eigen::Map<const Eigen::Vector3d>(motion.data() + 3),
                    Eigen::Map<const Eigen::Vector3d>(motion.data() + 6)};

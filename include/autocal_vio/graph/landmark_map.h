@@ -23,10 +23,11 @@ struct Observation {
 struct Landmark {
   std::int64_t id = 0;
   std::int64_t track_id = 0;
-  Transform T_WA;                                   ///< anchor: camera pose at initialisation, constant
-  std::array<double, 3> parameters{{0, 0, 0.2}};    ///< alpha, beta (x/z, y/z in the anchor), inverse depth rho [1/m]
-  std::vector<Observation> observations;            ///< in order of time
-  int max_observations = 8;                         ///< closed (its track goes on as a new landmark) beyond this
+  Transform T_WA;  ///< anchor: camera pose at initialisation, constant
+  std::array<double, 3> parameters{
+      {0, 0, 0.2}};                       ///< alpha, beta (x/z, y/z in the anchor), inverse depth rho [1/m]
+  std::vector<Observation> observations;  ///< in order of time
+  int max_observations = 8;               ///< closed (its track goes on as a new landmark) beyond this
   bool initialized = false;
   bool solved = false;  ///< has been part of a solution of the whole problem
 
@@ -59,7 +60,8 @@ class LandmarkMap {
 
   /// Drops observations whose reprojection error exceeds `threshold` [px]; landmarks left with fewer than two
   /// observations are started anew. Returns how many observations were dropped.
-  int dropOutliers(const std::deque<FrameState>& frames, const CalibrationState& calibration, double threshold);
+  int dropOutliers(const std::deque<FrameState>& frames, const CalibrationState& calibration,
+                   double threshold);
 
   /// True when the track is part of an initialised landmark.
   bool isTrackInitialized(std::int64_t track_id) const;
@@ -72,8 +74,8 @@ class LandmarkMap {
 
   int shortest_, longest_;
   std::int64_t next_id_ = 0;
-  std::map<std::int64_t, Landmark> landmarks_;                      ///< by landmark id, so that order is repeatable
-  std::unordered_map<std::int64_t, std::int64_t> open_by_track_;    ///< track id -> landmark id
+  std::map<std::int64_t, Landmark> landmarks_;  ///< by landmark id, so that order is repeatable
+  std::unordered_map<std::int64_t, std::int64_t> open_by_track_;  ///< track id -> landmark id
 };
 
 /// Pixel error of an observation at the present states, first order in the distortion; infinite when behind.

@@ -48,6 +48,7 @@ class NoiseAdaptation {
 /// Solves a batch, then finds the IMU's noise level from all its intervals and solves again, a few times over:
 /// without it a vibrating IMU is trusted too much and spoils the calibration. Reprojections above `outlier_px` are
 /// dropped on the way. Returns why it failed; empty on success.
-std::string solveAdaptingNoise(int max_iterations, double outlier_px, VisualInertialGraph* graph, NoiseAdaptation* noise);
+std::string solveAdaptingNoise(int max_iterations, double outlier_px, VisualInertialGraph* graph,
+                               NoiseAdaptation* noise);
 
 }  // namespace autocal_vio

@@ -117,7 +117,8 @@ class VisualInertialGraph {
   std::vector<BlockKey> stateKeys() const;
   std::vector<Block> blocksOf(const std::vector<BlockKey>& keys) const;
   Factor imuFactor(std::size_t frame_index) const;
-  Factor reprojectionFactor(const Landmark& landmark, const Observation& observation, const FrameState& frame) const;
+  Factor reprojectionFactor(const Landmark& landmark, const Observation& observation,
+                            const FrameState& frame) const;
   void appendLandmarkFactors(const Landmark& landmark, std::vector<Factor>* factors) const;
   std::vector<Factor> newestFrameFactors() const;
   void appendFirstFramePrior(std::vector<Factor>* factors) const;

@@ -26,7 +26,8 @@ class ImuBuffer {
   /// it. At least two samples where begin < end.
   std::vector<ImuSample> slice(TimeNs begin, TimeNs end) const;
 
-  /// Longest interval between neighbouring samples within [begin, end] [ns].
+  /// Longest interval between neighbouring samples that overlaps (begin, end) [ns]; 0 when none does. It
+  /// counts whole: an interval between two images inside an IMU gap shows the gap, not its own length.
   TimeNs largestGap(TimeNs begin, TimeNs end) const;
 
   bool covers(TimeNs stamp) const {

@@ -45,9 +45,10 @@ struct InitializedProblem {
 class CalibratingInitializer {
  public:
   /// `focal_length` [px]. `prior`: calibration known beforehand; its rotation replaces the rotation step.
-  CalibratingInitializer(double focal_length, const ImuNoise& noise, const std::optional<ExtrinsicsPrior>& prior,
-                         const TimeOffsetPrior& time_offset, const InitializerOptions& options,
-                         const RotationCalibratorOptions& rotation_options, const GraphOptions& graph_options);
+  CalibratingInitializer(double focal_length, const ImuNoise& noise,
+                         const std::optional<ExtrinsicsPrior>& prior, const TimeOffsetPrior& time_offset,
+                         const InitializerOptions& options, const RotationCalibratorOptions& rotation_options,
+                         const GraphOptions& graph_options);
 
   /// Adds the tracks of the next image; the IMU covers its stamp + td(). Returns the problem once solved.
   std::optional<InitializedProblem> addFrame(const FeatureFrame& frame, const ImuBuffer& imu);

@@ -3,7 +3,6 @@
 namespace autocal_vio {
 
 struct InitializerOptions {
-  double max_sigma_rotation_deg = 1.0;
   double keyframe_interval = 0.2;
   int max_keyframes = 30;
   int min_keyframes = 8;
@@ -12,8 +11,6 @@ struct InitializerOptions {
 
   template <class Visitor>
   void visitFields(Visitor&& visit) {
-    visit("max_sigma_rotation_deg", max_sigma_rotation_deg, 0.01, 20,
-          "R_BC is accepted below this sigma, worst axis [deg]");
     visit("keyframe_interval", keyframe_interval, 0.02, 2, "time between keyframes of the structure [s]");
     visit("max_keyframes", max_keyframes, 6, 200, "keyframes of the structure, the newest [-]");
     visit("min_keyframes", min_keyframes, 5, 200, "keyframes before the first attempt [-]");

@@ -13,8 +13,8 @@ namespace autocal_vio {
 
 /// An image or, instead, the tracks of one.
 struct PendingFrame {
-  TimeNs stamp = 0;                     ///< camera clock
-  cv::Mat image;                        ///< empty where `features` is set
+  TimeNs stamp = 0;  ///< camera clock
+  cv::Mat image;     ///< empty where `features` is set
   std::optional<FeatureFrame> features;
 };
 

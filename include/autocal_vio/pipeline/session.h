@@ -17,7 +17,8 @@ namespace autocal_vio {
 class Session {
  public:
   /// `start_pose`: where the odometry begins (its roll and pitch are ignored: gravity gives them).
-  Session(double focal_length, const RigModel& rig, const VioOptions& options, const std::optional<Transform>& start_pose);
+  Session(double focal_length, const RigModel& rig, const VioOptions& options,
+          const std::optional<Transform>& start_pose);
 
   /// Processes one image's tracks and fills state, reason, odometry and calibration of `update`.
   /// False when the estimate was lost; the session is then of no further use.
@@ -30,7 +31,8 @@ class Session {
   double td() const;
   /// Rotation from the current camera frame to that of `previous` predicted by the gyroscope; nothing while R_BC is
   /// unknown or the IMU does not cover both instants.
-  std::optional<Eigen::Matrix3d> predictedRotation(TimeNs previous, TimeNs current, const ImuBuffer& imu) const;
+  std::optional<Eigen::Matrix3d> predictedRotation(TimeNs previous, TimeNs current,
+                                                   const ImuBuffer& imu) const;
   /// The calibration so far as a prior for the next session; nothing where it never got that far.
   std::optional<ExtrinsicsPrior> calibrationPrior() const;
   /// Pose of the last estimate in the odometry frame.

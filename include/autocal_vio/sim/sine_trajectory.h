@@ -5,6 +5,7 @@
 #include <array>
 #include <cstdint>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "autocal_vio/sim/trajectory.h"
@@ -20,6 +21,10 @@ enum class MotionKind {
   kPlanar,            ///< driving a figure of eight: heading along the velocity, level
   kStraightLine       ///< no rotation, to and fro along one line
 };
+
+/// Kind of a name: "free", "standstill", "pure_rotation", "one_axis_rotation", "constant_velocity", "planar",
+/// "straight_line"; nothing for another name.
+std::optional<MotionKind> motionKindFromName(const std::string& name);
 
 struct SineTrajectoryOptions {
   std::uint64_t seed = 1;

@@ -1,0 +1,231 @@
+#!/usr/bin/python3
+"""The table of figures of scripts/measure."""
+import argparse
+import os
+import pathlib
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import yaml
+
+import evaluation
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+CLIP = 'euroc/MH_05_difficult/mav0'
+STANDSTILL = 'euroc/V1_01_easy/mav0'
+SIMULATED_SECONDS = 40
+
+
+class Table:
+    """Rows of case, figure, value and bar; a row without a bar only informs."""
+
+    def __init__(self):
+        self.failed = 0
+        self.rows = []
+
+    def below(self, case, figure, value, bar, unit):
+        passed = value is not None and np.isfinite(value) and value < bar
+        self.add(case, figure, '-' if value is None else '%.3f %s' % (value, unit), '< %g %s' % (bar, unit), passed)
+
+    def holds(self, case, figure, value, bar, passed):
+        self.add(case, figure, value, bar, passed)
+
+    def inform(self, case, figure, value):
+        self.add(case, figure, value, '', None)
+
+    def add(self, case, figure, value, bar, passed):
+        verdict = '' if passed is None else 'pass' if passed else 'FAIL'
+        self.failed += verdict == 'FAIL'
+        self.rows.append((case, figure, str(value), bar, verdict))
+        print('%-11s %-42s %16s  %-12s %s' % self.rows[-1], flush=True)
+
+
+class Run:
+    """One run of a program into a folder of its own."""
+
+    def __init__(self, out, command):
+        self.out = out
+        shutil.rmtree(out, ignore_errors=True)
+        out.parent.mkdir(parents=True, exist_ok=True)
+        with open(str(out) + '.log', 'w') as log:
+            self.code = subprocess.run([str(word) for word in command], stdout=log, stderr=subprocess.STDOUT).returncode
+
+    def yaml(self, name):
+        path = self.out / name
+        return yaml.safe_load(path.read_text()) if path.is_file() else {}
+
+    def score(self, truth, extrinsics_truth):
+        """Figures of evaluation.py; empty where the run wrote nothing."""
+        try:
+            extrinsics = evaluation.Extrinsics(self.out / 'extrinsics.csv')
+            odometry = evaluation.read_trajectory(self.out / 'odometry.tum')
+        except OSError:
+            return {}
+        if not len(extrinsics):
+            return {}
+        figures = evaluation.score_extrinsics(extrinsics, evaluation.read_extrinsics_truth(extrinsics_truth))
+        figures.update(evaluation.score_odometry(odometry, evaluation.read_trajectory(truth), extrinsics.stamps[0],
+                                                 extrinsics.stamps[-1]))
+        return figures
+
+
+def simulated(out, seed, mode):
+    run = Run(out, ['calibrate_simulation', '--seed', seed, '--mode', mode, '--duration', SIMULATED_SECONDS,
+                    '--out', out])
+    return run, run.score(out / 'truth.tum', out / 'truth.yaml')
+
+
+def exact(table, arguments):
+    _, figures = simulated(arguments.out / 'exact', 1, 'exact')
+    table.below('exact', 'rotation at the end', figures.get('rotation_deg'), 0.01, 'deg')
+    translation = figures.get('translation_m')
+    table.below('exact', 'translation at the end', None if translation is None else 1e3 * translation, 0.5, 'mm')
+    table.inform('exact', 'ATE', '%.2e m' % figures['ate_m'] if 'ate_m' in figures else '-')
+
+
+def several_seeds(table, case, mode, arguments):
+    runs = [simulated(arguments.out / ('%s_%d' % (case, seed)), seed, mode)[1] for seed in range(1, arguments.seeds + 1)]
+    converged = sum(figures.get('final_state') in ('converged', 'frozen') for figures in runs)
+    table.holds(case, 'seeds converged', '%d of %d' % (converged, len(runs)), 'all', converged == len(runs))
+
+    def worst(name, factor=1.0):
+        values = [figures.get(name) for figures in runs]
+        return None if any(value is None for value in values) else factor * max(values)
+
+    table.below(case, 'rotation after %d s, worst' % SIMULATED_SECONDS, worst('rotation_deg'), 0.3, 'deg')
+    table.below(case, 'translation after %d s, worst' % SIMULATED_SECONDS, worst('translation_m', 100.0), 1.5, 'cm')
+    table.below(case, 'ATE / distance, worst', worst('ate_percent'), 1.0, '%')
+    for name, text in (('says_converged_s', 'says converged after, worst'), ('first_pose_s', 'first odometry, worst'),
+                       ('rotation_sigmas', 'rotation error / sigma, worst'),
+                       ('translation_sigmas', 'translation error / sigma, worst')):
+        value = worst(name)
+        table.inform(case, text, '-' if value is None else '%.2f' % value)
+
+
+def noisy(table, arguments):
+    several_seeds(table, 'noisy', 'noisy', arguments)
+
+
+def realistic(table, arguments):
+    several_seeds(table, 'realistic', 'realistic', arguments)
+
+
+def clip_paths(folder):
+    data = pathlib.Path(os.environ['AUTOCAL_VIO_DATA']) / folder
+    return data, data / 'state_groundtruth_estimate0/data.csv', data / 'cam0/sensor.yaml'
+
+
+def clip(table, arguments):
+    data, truth, sensor = clip_paths(CLIP)
+    out = arguments.out / 'clip'
+    run = Run(out, ['calibrate_bag', '--config', ROOT / 'config/euroc.yaml', '--force', '--out', out, data])
+    figures, report = run.score(truth, sensor), run.yaml('report.yaml')
+    table.holds('clip', 'calibrate_bag ends by itself', 'exit %d' % run.code, '0 or 2', run.code in (0, 2))
+    table.below('clip', 'first odometry after', figures.get('first_pose_s'), 12, 's')
+    table.below('clip', 'rotation at the end', figures.get('rotation_deg'), 0.7, 'deg')
+    table.below('clip', 'ATE', figures.get('ate_m'), 0.25, 'm')
+    table.below('clip', 'largest gap in the odometry', figures.get('largest_gap_s'), 0.1, 's')
+    translation = figures.get('translation_m')
+    table.inform('clip', 'translation at the end', '-' if translation is None else '%.1f cm' % (100 * translation))
+    table.inform('clip', 'verdict', report.get('verdict'))
+    for name, text in (('scale', 'scale'), ('coverage', 'coverage'), ('says_converged_s', 'says converged after [s]'),
+                       ('rotation_sigmas', 'rotation error / sigma'), ('translation_sigmas', 'translation error / sigma')):
+        value = figures.get(name)
+        table.inform('clip', text, '-' if value is None else '%.3f' % value)
+    speed = report.get('ms_per_image') or {}
+    table.below('speed', 'CPU per image, median', speed.get('median'), 30, 'ms')
+    for name in ('p95', 'p99', 'max'):
+        table.inform('speed', 'CPU per image, ' + name, '%s ms' % speed.get(name))
+
+
+def initial(table, arguments):
+    data, truth, sensor = clip_paths(CLIP)
+    out = arguments.out / 'initial'
+    T_imu_cam = np.array(yaml.safe_load(sensor.read_text())['T_BS']['data'], float).reshape(4, 4)
+    prior = arguments.out / 'initial_camchain.yaml'
+    prior.write_text(yaml.safe_dump({'cam0': {'T_cam_imu': np.linalg.inv(T_imu_cam).tolist()}}))
+    run = Run(out, ['calibrate_bag', '--config', ROOT / 'config/euroc.yaml', '--initial', prior, '--force', '--out', out,
+                    data])
+    figures = run.score(truth, sensor)
+    table.below('initial', 'first odometry after', figures.get('first_pose_s'), 4, 's')
+    table.below('initial', 'ATE', figures.get('ate_m'), 0.2, 'm')
+    for name in ('scale', 'coverage', 'rotation_deg', 'translation_m'):
+        value = figures.get(name)
+        table.inform('initial', name, '-' if value is None else '%.3f' % value)
+
+
+def live(table, arguments):
+    data, truth, sensor = clip_paths(CLIP)
+    out = arguments.out / 'live'
+    images = sum(1 for line in (data / 'cam0/data.csv').read_text().splitlines() if line and not line.startswith('#'))
+    run = Run(out, [ROOT / 'scripts/demo', data, '--out', out])
+    figures, counts = run.score(truth, sensor), run.yaml('live.yaml')
+    processed = counts.get('images_processed', 0)
+    table.holds('live', 'images processed', '%d of %d' % (processed, images), 'all', processed >= images - 1)
+    table.holds('live', 'images dropped', counts.get('images_dropped'), '0', counts.get('images_dropped') == 0)
+    status = counts.get('status', 0)
+    table.holds('live', 'status messages', status, 'one an image', status >= images - 2)
+    poses = figures.get('poses', 0)
+    table.below('live', 'largest gap in the odometry', figures.get('largest_gap_s'), 0.1, 's')
+    transforms = counts.get('tf', {})
+    table.holds('live', 'tf of the odometry', transforms.get('odom', 0), 'one a pose', transforms.get('odom', 0) >= poses > 0)
+    table.below('live', 'first odometry after', figures.get('first_pose_s'), 12, 's')
+    table.below('live', 'rotation at the end', figures.get('rotation_deg'), 0.7, 'deg')
+    table.below('live', 'ATE', figures.get('ate_m'), 0.25, 'm')
+    for name in ('latency_ms_median', 'latency_ms_p99'):
+        table.inform('live', name, '%.1f' % counts[name] if name in counts else '-')
+
+
+def standstill(table, arguments):
+    data, _, _ = clip_paths(STANDSTILL)
+    out = arguments.out / 'standstill'
+    run = Run(out, ['calibrate_bag', '--config', ROOT / 'config/euroc.yaml', '--force', '--out', out, data])
+    table.holds('standstill', 'not converged', 'exit %d' % run.code, 'exit 2', run.code == 2)
+    try:
+        extrinsics = evaluation.Extrinsics(out / 'extrinsics.csv')
+        odometry = evaluation.read_trajectory(out / 'odometry.tum')
+    except OSError:
+        table.holds('standstill', 'results', 'none', 'written', False)
+        return
+    declared = sorted(set(extrinsics.states) - {'waiting_for_data', 'calibrating_rotation'})
+    table.holds('standstill', 'states beyond seeking the rotation', ', '.join(declared) or 'none', 'none', not declared)
+    drift = float(np.linalg.norm(np.ptp(odometry.positions, axis=0))) if len(odometry) else 0.0
+    table.below('standstill', 'odometry drift', drift, 0.01, 'm')
+    report = run.yaml('report.yaml')
+    words = ' '.join(str(report.get(key, '')) for key in ('reason', 'motion_advice'))
+    table.holds('standstill', 'says that motion is missing', 'motion' in words or 'rotat' in words, 'True',
+                'motion' in words or 'rotat' in words)
+    table.inform('standstill', 'reason', report.get('reason'))
+
+
+CASES = {'exact': exact, 'noisy': noisy, 'realistic': realistic, 'clip': clip, 'initial': initial, 'live': live,
+         'standstill': standstill}
+NEED_DATA = {'clip', 'initial', 'live', 'standstill'}
+
+
+def main():
+    parser = argparse.ArgumentParser(prog='scripts/measure')
+    parser.add_argument('--only', help='cases, separated by commas: ' + ', '.join(CASES))
+    parser.add_argument('--seeds', type=int, default=10, help='runs of each simulated case with noise')
+    parser.add_argument('--out', type=pathlib.Path, default=ROOT / 'build' / 'measure')
+    arguments = parser.parse_args()
+    names = arguments.only.split(',') if arguments.only else list(CASES)
+    unknown = [name for name in names if name not in CASES]
+    if unknown:
+        parser.error('no such case: ' + ', '.join(unknown))
+    arguments.out = arguments.out.resolve()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    table = Table()
+    for name in names:
+        if name in NEED_DATA and not os.environ.get('AUTOCAL_VIO_DATA'):
+            table.inform(name, 'left out', 'no AUTOCAL_VIO_DATA')
+        else:
+            CASES[name](table, arguments)
+    print('\n%d of %d figures pass' % (sum(row[4] == 'pass' for row in table.rows),
+                                       sum(row[4] != '' for row in table.rows)))
+    sys.exit(1 if table.failed else 0)
+
+
+main()
