@@ -1,0 +1,39 @@
+// The services ~reset, ~freeze_extrinsics and ~save_calibration.
+#pragma once
+
+#include <autocal_vio/FreezeExtrinsics.h>
+#include <autocal_vio/Reset.h>
+#include <autocal_vio/SaveCalibration.h>
+#include <ros/node_handle.h>
+
+#include <functional>
+#include <string>
+
+#include "autocal_vio/pipeline/worker.h"
+
+namespace autocal_vio {
+
+/// Answers from threads of their own; all work on the system is done by its worker.
+class CalibrationServices {
+ public:
+  struct Hooks {
+    std::function<Worker*()> worker;  ///< null while the system does not stand yet
+    std::function<void()> before_reset;
+    std::string image_topic;  ///< written into saved files
+  };
+
+  /// `service_nh`: private namespace, served by other threads than the data's callbacks.
+  CalibrationServices(const ros::NodeHandle& service_nh, Hooks hooks);
+
+ private:
+  bool reset(Reset::Request& request, Reset::Response& response);
+  bool freeze(FreezeExtrinsics::Request& request, FreezeExtrinsics::Response& response);
+  bool save(SaveCalibration::Request& request, SaveCalibration::Response& response);
+
+  const Hooks hooks_;
+  ros::ServiceServer reset_server_;
+  ros::ServiceServer freeze_server_;
+  ros::ServiceServer save_server_;
+};
+
+}  // namespace autocal_vio

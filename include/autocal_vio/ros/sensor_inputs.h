@@ -1,0 +1,105 @@
+// The subscriptions to image and imu: checks every message, counts what it refuses, notices silence and clock
+// jumps.
+#pragma once
+
+#include <image_transport/image_transport.h>
+#include <ros/node_handle.h>
+#include <sensor_msgs/Imu.h>
+
+#include <atomic>
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include "autocal_vio/pipeline/vio_system.h"
+#include "autocal_vio/ros/frame_names.h"
+#include "autocal_vio/ros/silence_watch.h"
+#include "autocal_vio/ros/stamp_guard.h"
+#include "autocal_vio/ros/throttled_log.h"
+
+namespace autocal_vio {
+
+/// Where good data goes. All are called from the callbacks' thread.
+struct SensorSinks {
+  std::function<void(const ImuSample&)> imu;
+  std::function<void(ImageFrame)> image;
+  /// The stamps or the ROS time went back: what was received before no longer counts.
+  std::function<void()> clock_jumped;
+};
+
+class SensorInputs {
+ public:
+  /// `frames` and `log` must live longer than this.
+  SensorInputs(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh, FrameNames* frames,
+               ThrottledLog* log, SensorSinks sinks);
+
+  /// Begins to receive; throws image_transport's exceptions for an unknown transport.
+  void subscribe();
+  /// Ends receiving; waits for callbacks that run.
+  void unsubscribe();
+
+  /// Looks at the clocks; to be called a few times a second from the callbacks' thread.
+  void watch();
+
+  // In words, where something is wrong with the inputs; from the callbacks' thread:
+  /// A topic that has been silent for 2 s, or a clock that stands still.
+  std::optional<std::string> silence() const;
+  /// No IMU message for `limit` seconds.
+  std::optional<std::string> imuSilence(double limit) const { return imu_watch_.problem(now_, limit); }
+  /// Stamps of image and IMU that are far apart.
+  std::optional<std::string> disagreement() const;
+
+  // Any thread:
+  std::uint64_t imagesRefused() const { return images_refused_; }
+  std::uint64_t imuRefused() const { return imu_refused_; }
+  /// Milliseconds since the image of `stamp` arrived; 0 when it is not known.
+  double latencyMs(TimeNs stamp) const;
+  void countRefusedImage(const std::string& problem);
+
+  // From the callbacks' thread:
+  double imageRate() const { return image_watch_.rate(now_); }
+  double imuRate() const { return imu_watch_.rate(now_); }
+  const std::string& imageTopic() const { return image_topic_; }
+
+ private:
+  void imageCallback(const sensor_msgs::ImageConstPtr& message);
+  void imuCallback(const sensor_msgs::ImuConstPtr& message);
+  void handleImage(const sensor_msgs::ImageConstPtr& message);
+  void handleImu(const sensor_msgs::Imu& message);
+  /// True when the message may be used.
+  bool judge(StampVerdict verdict, const std::string& topic, const std::string& frame_id);
+  void clockJumped(const std::string& what);
+  std::optional<std::string> clockProblem() const;
+
+  ros::NodeHandle nh_;
+  ros::NodeHandle private_nh_;
+  FrameNames* frames_;
+  ThrottledLog* log_;
+  const SensorSinks sinks_;
+  const std::string image_topic_;
+  const std::string imu_topic_;
+  SilenceWatch image_watch_;
+  SilenceWatch imu_watch_;
+  std::atomic<std::uint64_t> images_refused_{0};
+  std::atomic<std::uint64_t> imu_refused_{0};
+  // Used by the callbacks' thread only:
+  StampGuard image_guard_;
+  StampGuard imu_guard_;
+  double now_ = 0.0;  ///< ROS time that has passed, jumps left out [s]
+  ros::Time last_ros_time_;
+  ros::WallTime ros_time_changed_;  ///< when last_ros_time_ last changed
+  ros::WallTime last_jump_;
+  // Guarded by arrivals_mutex_:
+  mutable std::mutex arrivals_mutex_;
+  std::deque<std::pair<TimeNs, ros::WallTime>> arrivals_;
+  // Callbacks last:
+  image_transport::Subscriber image_subscriber_;
+  ros::Subscriber imu_subscriber_;
+};
+
+}  // namespace autocal_vio

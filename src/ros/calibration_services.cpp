@@ -1,0 +1,117 @@
+#include "autocal_vio/ros/calibration_services.h"
+
+#include <cmath>
+#include <memory>
+#include <optional>
+#include <utility>
+
+#include "autocal_vio/calibration_io/kalibr_yaml.h"
+
+namespace autocal_vio {
+namespace {
+
+constexpr std::chrono::milliseconds kTimeout(5000);
+const char* const kNotReady = "the camera's intrinsics are not known yet (see ~calibration_status)";
+
+/// Runs `command` in the worker; fills success and, on failure, message.
+template <class Response>
+bool runCommand(Worker* worker, Command command, Response* response) {
+  if (!worker) {
+    response->success = false;
+    response->message = kNotReady;
+    return false;
+  }
+  const CommandResult result = worker->run(std::move(command), kTimeout);
+  response->success = result.done;
+  response->message = result.problem;
+  return result.done;
+}
+
+/// What a file is made of, copied out of the worker's thread.
+struct Snapshot {
+  CalibrationEstimate calibration;
+  VioState state = VioState::kWaitingForData;
+  CameraIntrinsics camera;
+};
+
+KalibrCamchain toCamchain(const Snapshot& snapshot, const std::string& image_topic) {
+  const Eigen::Matrix<double, 6, 1> variance = snapshot.calibration.covariance.diagonal().cwiseMax(0.0);
+  KalibrCamchain camchain;
+  camchain.camera = snapshot.camera;
+  camchain.image_topic = image_topic;
+  camchain.T_imu_cam = snapshot.calibration.T_imu_cam;
+  camchain.td = snapshot.calibration.td;
+  camchain.sigma_translation = std::sqrt(variance.head<3>().maxCoeff());
+  camchain.sigma_rotation = std::sqrt(variance.tail<3>().maxCoeff());
+  camchain.sigma_td = snapshot.calibration.sigma_td;
+  camchain.comment = std::string("Saved by autocal_vio in state ") + toString(snapshot.state) + ".";
+  return camchain;
+}
+
+}  // namespace
+
+CalibrationServices::CalibrationServices(const ros::NodeHandle& service_nh, Hooks hooks)
+    : hooks_(std::move(hooks)) {
+  ros::NodeHandle handle(service_nh);
+  reset_server_ = handle.advertiseService("reset", &CalibrationServices::reset, this);
+  freeze_server_ = handle.advertiseService("freeze_extrinsics", &CalibrationServices::freeze, this);
+  save_server_ = handle.advertiseService("save_calibration", &CalibrationServices::save, this);
+}
+
+bool CalibrationServices::reset(Reset::Request& request, Reset::Response& response) {
+  const bool keep = request.keep_calibration;
+  const auto command = [keep, before = hooks_.before_reset](VioSystem& system) {
+    before();
+    system.reset(keep);
+  };
+  if (runCommand(hooks_.worker(), command, &response)) {
+    response.message = keep ? "started anew with the calibration kept" : "started anew from nothing";
+  }
+  return true;
+}
+
+bool CalibrationServices::freeze(FreezeExtrinsics::Request& request, FreezeExtrinsics::Response& response) {
+  FreezeSelection selection;
+  selection.rotation = request.rotation;
+  selection.translation = request.translation;
+  selection.time_offset = request.time_offset;
+  const auto command = [selection](VioSystem& system) { system.freeze(selection); };
+  if (runCommand(hooks_.worker(), command, &response)) {
+    const auto word = [](bool held) { return held ? "held" : "free"; };
+    response.message = std::string("rotation ") + word(selection.rotation) + ", translation " +
+                       word(selection.translation) + ", time offset " + word(selection.time_offset);
+  }
+  return true;
+}
+
+bool CalibrationServices::save(SaveCalibration::Request& request, SaveCalibration::Response& response) {
+  if (request.camchain_path.empty() && request.urdf_path.empty()) {
+    response.message = "neither camchain_path nor urdf_path is given";
+    return true;
+  }
+  if (!request.urdf_path.empty()) {
+    response.message = "writing a URDF is not supported yet; nothing was written";
+    return true;
+  }
+  const auto snapshot = std::make_shared<Snapshot>();
+  const auto command = [snapshot](VioSystem& system) {
+    snapshot->calibration = system.lastUpdate().calibration;
+    snapshot->state = system.lastUpdate().state;
+    snapshot->camera = system.camera().intrinsics();
+  };
+  if (!runCommand(hooks_.worker(), command, &response)) return true;
+  if (snapshot->state == VioState::kWaitingForData || snapshot->state == VioState::kCalibratingRotation ||
+      snapshot->state == VioState::kCalibratingTranslation) {
+    response.success = false;
+    response.message =
+        std::string("there is no calibration to save yet, the state is ") + toString(snapshot->state);
+    return true;
+  }
+  const std::optional<std::string> problem =
+      writeKalibrCamchain(request.camchain_path, toCamchain(*snapshot, hooks_.image_topic));
+  response.success = !problem;
+  response.message = problem ? *problem : "written: " + request.camchain_path;
+  return true;
+}
+
+}  // namespace autocal_vio

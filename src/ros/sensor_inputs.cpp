@@ -1,0 +1,196 @@
+#include "autocal_vio/ros/sensor_inputs.h"
+
+#include <boost/bind/bind.hpp>
+#include <cmath>
+#include <cstdio>
+#include <exception>
+
+#include "autocal_vio/ros/input_conversions.h"
+
+namespace autocal_vio {
+namespace {
+
+constexpr std::uint32_t kImageQueue = 20;
+constexpr std::uint32_t kImuQueue = 2000;
+constexpr std::size_t kArrivalsKept = 256;
+constexpr double kLargestTimeStep = 5.0;   // of the ROS time between two looks at it [s]
+constexpr double kClocksDisagree = 1.0;    // between the newest stamps of image and IMU [s]
+constexpr double kClockStandsStill = 2.0;  // wall clock [s]
+
+std::string seconds(double value) {
+  char text[32];
+  std::snprintf(text, sizeof(text), "%.1f s", value);
+  return text;
+}
+
+}  // namespace
+
+SensorInputs::SensorInputs(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh, FrameNames* frames,
+                           ThrottledLog* log, SensorSinks sinks)
+    : nh_(nh),
+      private_nh_(private_nh),
+      frames_(frames),
+      log_(log),
+      sinks_(std::move(sinks)),
+      image_topic_(nh.resolveName("image")),
+      imu_topic_(nh.resolveName("imu")),
+      image_watch_("image", image_topic_, 0.0),
+      imu_watch_("IMU message", imu_topic_, 0.0),
+      last_ros_time_(ros::Time::now()),
+      ros_time_changed_(ros::WallTime::now()) {}
+
+void SensorInputs::subscribe() {
+  const ros::TransportHints no_delay = ros::TransportHints().tcpNoDelay();
+  // The hints read ~image_transport: of this nodelet, not of its manager.
+  const image_transport::TransportHints hints("raw", no_delay, private_nh_);
+  image_subscriber_ = image_transport::ImageTransport(nh_).subscribe(
+      "image", kImageQueue, boost::bind(&SensorInputs::imageCallback, this, boost::placeholders::_1),
+      ros::VoidPtr(), hints);
+  imu_subscriber_ = nh_.subscribe("imu", kImuQueue, &SensorInputs::imuCallback, this, no_delay);
+}
+
+void SensorInputs::unsubscribe() {
+  image_subscriber_.shutdown();
+  imu_subscriber_.shutdown();
+}
+
+void SensorInputs::watch() {
+  const ros::Time ros_now = ros::Time::now();
+  const double step = (ros_now - last_ros_time_).toSec();
+  if (step != 0.0) ros_time_changed_ = ros::WallTime::now();
+  if (step > 0.0 && step < kLargestTimeStep) now_ += step;
+  last_ros_time_ = ros_now;
+  if (step < -0.1 && ros::Time::isSimTime()) clockJumped("ROS time went back by " + seconds(-step));
+}
+
+std::optional<std::string> SensorInputs::silence() const {
+  if (const std::optional<std::string> text = clockProblem()) return text;
+  const std::optional<std::string> images = image_watch_.problem(now_);
+  const std::optional<std::string> imu = imu_watch_.problem(now_);
+  if (images && imu) return *images + "; " + *imu;
+  return images ? images : imu;
+}
+
+std::optional<std::string> SensorInputs::disagreement() const {
+  if (image_guard_.last() && imu_guard_.last()) {
+    const double apart = toSeconds(*image_guard_.last() - *imu_guard_.last());
+    if (std::abs(apart) > kClocksDisagree) {
+      return "stamps of " + image_topic_ + " are " + seconds(std::abs(apart)) +
+             (apart > 0.0 ? " ahead of " : " behind ") + imu_topic_ +
+             ": the clocks disagree, or one topic arrives late";
+    }
+  }
+  return std::nullopt;
+}
+
+std::optional<std::string> SensorInputs::clockProblem() const {
+  if (!ros::Time::isSimTime()) return std::nullopt;
+  if (last_ros_time_.isZero()) return "use_sim_time is set, but nothing has come on /clock yet";
+  const double still = (ros::WallTime::now() - ros_time_changed_).toSec();
+  if (still < kClockStandsStill) return std::nullopt;
+  return "/clock has stood still for " + seconds(still) + " (playback paused or at its end)";
+}
+
+double SensorInputs::latencyMs(TimeNs stamp) const {
+  const std::lock_guard<std::mutex> lock(arrivals_mutex_);
+  for (auto it = arrivals_.rbegin(); it != arrivals_.rend(); ++it) {
+    if (it->first == stamp) return 1e3 * (ros::WallTime::now() - it->second).toSec();
+  }
+  return 0.0;
+}
+
+void SensorInputs::countRefusedImage(const std::string& problem) {
+  ++images_refused_;
+  log_->warn("image " + problem.substr(0, 24), "image on " + image_topic_ + " dropped: " + problem);
+}
+
+// Nothing may be thrown out of a callback: it would end the nodelet manager.
+void SensorInputs::imageCallback(const sensor_msgs::ImageConstPtr& message) {
+  try {
+    handleImage(message);
+  } catch (const std::exception& error) {
+    countRefusedImage(error.what());
+  }
+}
+
+void SensorInputs::imuCallback(const sensor_msgs::ImuConstPtr& message) {
+  try {
+    handleImu(*message);
+  } catch (const std::exception& error) {
+    ++imu_refused_;
+    log_->warn("imu", "IMU message on " + imu_topic_ + " dropped: " + error.what());
+  }
+}
+
+void SensorInputs::handleImage(const sensor_msgs::ImageConstPtr& message) {
+  watch();
+  image_watch_.arrived(now_);
+  std::string problem;
+  std::optional<ImageFrame> frame = toImageFrame(message, &problem);
+  if (!frame) {
+    countRefusedImage(problem);
+    return;
+  }
+  if (!judge(image_guard_.check(frame->stamp), image_topic_, message->header.frame_id)) {
+    ++images_refused_;
+    return;
+  }
+  frames_->learnCamera(message->header.frame_id);
+  {
+    const std::lock_guard<std::mutex> lock(arrivals_mutex_);
+    arrivals_.emplace_back(frame->stamp, ros::WallTime::now());
+    if (arrivals_.size() > kArrivalsKept) arrivals_.pop_front();
+  }
+  sinks_.image(std::move(*frame));
+}
+
+void SensorInputs::handleImu(const sensor_msgs::Imu& message) {
+  watch();
+  std::string problem;
+  const std::optional<ImuSample> sample = toImuSample(message, &problem);
+  if (!sample) {
+    ++imu_refused_;
+    log_->warn("imu " + problem, "IMU message on " + imu_topic_ + " dropped: " + problem);
+    return;
+  }
+  imu_watch_.arrived(now_);
+  if (!judge(imu_guard_.check(sample->stamp), imu_topic_, message.header.frame_id)) {
+    ++imu_refused_;
+    return;
+  }
+  frames_->learnImu(message.header.frame_id);
+  sinks_.imu(*sample);
+}
+
+bool SensorInputs::judge(StampVerdict verdict, const std::string& topic, const std::string& frame_id) {
+  switch (verdict) {
+    case StampVerdict::kAccept:
+      return true;
+    case StampVerdict::kOutOfOrder:
+      log_->warn("order " + topic, "message on " + topic + " (frame_id '" + frame_id +
+                                       "') dropped: header.stamp is not newer than the one before");
+      return false;
+    case StampVerdict::kSuspicious:
+      log_->warn("ahead " + topic, "message on " + topic + " (frame_id '" + frame_id +
+                                       "') dropped: header.stamp is far ahead of the one before");
+      return false;
+    case StampVerdict::kJumpedBack:
+      clockJumped("stamps on " + topic + " went back");
+      return true;
+  }
+  return false;
+}
+
+void SensorInputs::clockJumped(const std::string& what) {
+  const ros::WallTime wall = ros::WallTime::now();
+  // Both topics and the clock notice one and the same jump.
+  if ((wall - last_jump_).toSec() > 2.0) {
+    ROS_WARN_STREAM(what << " (a bag that starts again?): starting anew, the calibration is kept");
+  }
+  last_jump_ = wall;
+  image_guard_.reset();
+  imu_guard_.reset();
+  sinks_.clock_jumped();
+}
+
+}  // namespace autocal_vio

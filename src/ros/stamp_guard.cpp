@@ -1,0 +1,34 @@
+#include "autocal_vio/ros/stamp_guard.h"
+
+namespace autocal_vio {
+namespace {
+
+constexpr TimeNs kLargestStep = 5 * kNsPerSecond;      // forwards, without asking
+constexpr TimeNs kLargestDisorder = kNsPerSecond / 2;  // backwards, that is still mere disorder
+constexpr int kBelievedAfter = 3;                      // messages that agree with each other
+
+}  // namespace
+
+StampVerdict StampGuard::check(TimeNs stamp) {
+  const TimeNs step = last_ ? stamp - *last_ : 1;
+  if (step > 0 && step <= kLargestStep) {
+    last_ = stamp;
+    candidate_.reset();
+    return StampVerdict::kAccept;
+  }
+  if (step <= 0 && step > -kLargestDisorder) return StampVerdict::kOutOfOrder;
+
+  const bool agrees = candidate_ && stamp > *candidate_ && stamp - *candidate_ <= kLargestStep;
+  candidates_ = agrees ? candidates_ + 1 : 1;
+  candidate_ = stamp;
+  if (candidates_ < kBelievedAfter) return step > 0 ? StampVerdict::kSuspicious : StampVerdict::kOutOfOrder;
+  last_ = stamp;
+  candidate_.reset();
+  return step > 0 ? StampVerdict::kAccept : StampVerdict::kJumpedBack;
+}
+
+void StampGuard::reset() {
+  *this = StampGuard();
+}
+
+}  // namespace autocal_vio

@@ -1,0 +1,81 @@
+#include "autocal_vio/ros/vio_parameters.h"
+
+#include <exception>
+
+#include "autocal_vio/calibration_io/estimator_file.h"
+#include "autocal_vio/calibration_io/load_problems.h"
+#include "autocal_vio/calibration_io/rig_file.h"
+#include "autocal_vio/ros/input_conversions.h"
+#include "autocal_vio/ros/parameter_reader.h"
+
+namespace autocal_vio {
+namespace {
+
+/// Runs a file reader and turns what it throws into problems of `reader`.
+template <class Load>
+void collectProblems(ParameterReader* reader, Load&& load) {
+  try {
+    load();
+  } catch (const LoadProblems& error) {
+    for (const std::string& problem : error.problems()) reader->addProblem(problem);
+  } catch (const std::exception& error) {
+    reader->addProblem(error.what());
+  }
+}
+
+void loadFiles(ParameterReader* reader, VioParameters* parameters) {
+  const std::string rig_file = reader->requiredText("rig_file", "the path of a rig file (config/*.yaml)");
+  const std::string imu_file = reader->text("imu_file", "");
+  const std::string estimator_file = reader->text("estimator_file", "");
+  if (!rig_file.empty()) {
+    collectProblems(reader, [&] { parameters->rig = loadRigFile(rig_file, imu_file, &parameters->remarks); });
+  }
+  if (!estimator_file.empty()) {
+    collectProblems(reader, [&] { parameters->options = loadEstimatorFile(estimator_file); });
+  }
+}
+
+void checkFrames(ParameterReader* reader, const VioParameters& parameters) {
+  if (parameters.odom_frame.empty()) reader->addProblem("~odom_frame must not be empty");
+  const auto differ = [&](const char* a_key, const std::string& a, const char* b_key, const std::string& b) {
+    if (!a.empty() && a == b) {
+      reader->addProblem(std::string("~") + a_key + " and ~" + b_key + " are the same frame: " + a);
+    }
+  };
+  differ("odom_frame", parameters.odom_frame, "imu_frame", parameters.imu_frame);
+  differ("odom_frame", parameters.odom_frame, "base_frame", parameters.base_frame);
+  differ("odom_frame", parameters.odom_frame, "camera_frame", parameters.camera_frame);
+  differ("imu_frame", parameters.imu_frame, "camera_frame", parameters.camera_frame);
+  differ("base_frame", parameters.base_frame, "camera_frame", parameters.camera_frame);
+}
+
+}  // namespace
+
+VioParameters loadVioParameters(const ros::NodeHandle& private_nh) {
+  ParameterReader reader(private_nh);
+  VioParameters parameters;
+  loadFiles(&reader, &parameters);
+  parameters.options.fix_extrinsics = reader.flag("fix_extrinsics", parameters.options.fix_extrinsics);
+  if (parameters.options.fix_extrinsics && !parameters.rig.extrinsics_prior && reader.problems().empty()) {
+    reader.addProblem("~fix_extrinsics is true, but the rig file gives no T_cam_imu to hold");
+  }
+  parameters.odom_frame = frameName(reader.text("odom_frame", parameters.odom_frame));
+  parameters.imu_frame = frameName(reader.text("imu_frame", parameters.imu_frame));
+  parameters.camera_frame = frameName(reader.text("camera_frame", parameters.camera_frame));
+  parameters.base_frame = frameName(reader.text("base_frame", parameters.base_frame));
+  parameters.publish_odom_tf = reader.flag("publish_odom_tf", parameters.publish_odom_tf);
+  parameters.publish_camera_tf = reader.flag("publish_camera_tf", parameters.publish_camera_tf);
+  parameters.publish_diagnostics = reader.flag("publish_diagnostics", parameters.publish_diagnostics);
+  parameters.queue_size = reader.integer("queue_size", parameters.queue_size, 1, 1000);
+  parameters.path_length = reader.integer("path_length", parameters.path_length, 1, 1000000);
+  checkFrames(&reader, parameters);
+
+  reader.text("image_transport", "raw");                  // read by image_transport itself
+  reader.number("diagnostic_period", 1.0, 0.01, 3600.0);  // read by diagnostic_updater itself
+  for (const char* plugin_parameters_of : {"image", "tracks"}) reader.ignore(plugin_parameters_of);
+  reader.throwOnProblems();
+  for (const std::string& unknown : reader.unknownParameters()) parameters.remarks.push_back(unknown);
+  return parameters;
+}
+
+}  // namespace autocal_vio

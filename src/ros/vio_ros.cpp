@@ -1,0 +1,216 @@
+#include "autocal_vio/ros/vio_ros.h"
+
+#include <ros/console.h>
+
+#include <exception>
+#include <utility>
+
+#include "autocal_vio/ros/input_conversions.h"
+
+namespace autocal_vio {
+namespace {
+
+const ros::WallDuration kWatchPeriod(0.25);
+constexpr double kImuMissingFor = 0.5;  // images are reported on without waiting for the IMU after this [s]
+
+ImuNoise scaledNoise(const ImuNoise& noise, const CalibrationEstimate& calibration) {
+  ImuNoise scaled = noise;
+  scaled.accelerometer_noise_density *= calibration.accelerometer_noise_factor;
+  scaled.gyroscope_noise_density *= calibration.gyroscope_noise_factor;
+  return scaled;
+}
+
+}  // namespace
+
+VioRos::VioRos(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh,
+               const ros::NodeHandle& service_nh)
+    : name_(private_nh.getNamespace()),
+      parameters_(loadVioParameters(private_nh)),
+      log_(name_),
+      frames_(parameters_.imu_frame, parameters_.camera_frame),
+      propagator_(parameters_.options.estimator.gravity_magnitude),
+      outputs_(nh, private_nh, parameters_, &frames_, &log_) {
+  for (const std::string& remark : parameters_.remarks) ROS_WARN_STREAM(name_ << ": " << remark);
+  last_update_.reason = "nothing has been received yet";
+  last_status_ = toStatus(last_update_, frames_.imu());
+  waiting_for_ = "waiting for " + nh.resolveName("camera_info") + ": the rig file has no camera intrinsics";
+  SensorSinks sinks;
+  sinks.imu = [this](const ImuSample& sample) { imuArrived(sample); };
+  sinks.image = [this](ImageFrame frame) { imageArrived(std::move(frame)); };
+  sinks.clock_jumped = [this] { clockJumped(); };
+  inputs_ = std::make_unique<SensorInputs>(nh, private_nh, &frames_, &log_, std::move(sinks));
+  if (parameters_.rig.camera) start(parameters_.rig);
+
+  CalibrationServices::Hooks hooks;
+  hooks.worker = [this] { return worker(); };
+  hooks.before_reset = [this] { propagator_.clear(false); };
+  hooks.image_topic = inputs_->imageTopic();
+  services_ = std::make_unique<CalibrationServices>(service_nh, std::move(hooks));
+  if (parameters_.publish_diagnostics) {
+    diagnostics_ = std::make_unique<VioDiagnostics>(nh, private_nh, [this] { return health(); });
+  }
+  // From here on callbacks run, in other threads, too.
+  inputs_->subscribe();
+  ros::NodeHandle handle(nh);
+  if (!parameters_.rig.camera) {
+    camera_info_subscriber_ = handle.subscribe("camera_info", 2, &VioRos::cameraInfoCallback, this);
+  }
+  timer_ = handle.createWallTimer(kWatchPeriod, [this](const ros::WallTimerEvent&) { watch(); });
+}
+
+VioRos::~VioRos() {
+  timer_.stop();
+  services_.reset();
+  camera_info_subscriber_.shutdown();
+  inputs_->unsubscribe();
+  owned_worker_.reset();
+}
+
+void VioRos::start(const RigModel& rig) {
+  PacketQueueOptions queue;
+  queue.max_images = static_cast<std::size_t>(parameters_.queue_size);
+  WorkerCallbacks callbacks;
+  callbacks.on_update = [this](const VioUpdate& update) { updated(update); };
+  callbacks.on_refused = [this](const std::string& problem) {
+    log_.warn("refused", "image on " + inputs_->imageTopic() + " dropped: " + problem);
+  };
+  callbacks.on_failure = [this](const std::string& what) {
+    log_.warn("failure", "processing failed: " + what);
+  };
+  owned_worker_ = std::make_unique<Worker>(rig, parameters_.options, queue, std::move(callbacks));
+  worker_ = owned_worker_.get();
+}
+
+void VioRos::cameraInfoCallback(const sensor_msgs::CameraInfo& message) {
+  if (worker()) return;
+  std::string problem;
+  RigModel rig = parameters_.rig;
+  rig.camera = toCameraIntrinsics(message, &problem);
+  try {
+    if (rig.camera) {
+      start(rig);
+      ROS_INFO_STREAM(name_ << ": intrinsics taken from camera_info, " << rig.camera->width << "x"
+                            << rig.camera->height);
+      return;
+    }
+  } catch (const std::exception& error) {
+    problem = error.what();
+  }
+  const std::string reason = "camera_info cannot be used: " + problem;
+  log_.warn("camera_info", reason);
+  const std::lock_guard<std::mutex> lock(mutex_);
+  waiting_for_ = reason;
+}
+
+void VioRos::imageArrived(ImageFrame frame) {
+  const TimeNs stamp = frame.stamp;
+  if (Worker* target = worker()) {
+    if (outputs_.wantsTracks()) outputs_.tracks().remember(frame);
+    target->add(std::move(frame));
+    // Without IMU no image is processed, yet each has its status.
+    if (const std::optional<std::string> text = inputs_->imuSilence(kImuMissingFor))
+      publishWaiting(stamp, *text);
+    return;
+  }
+  std::string reason;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    reason = waiting_for_;
+  }
+  publishWaiting(stamp, reason);
+}
+
+void VioRos::imuArrived(const ImuSample& sample) {
+  if (const std::optional<MotionState> state = propagator_.add(sample)) outputs_.publishImuOdometry(*state);
+  if (Worker* target = worker()) target->add(sample);
+}
+
+void VioRos::clockJumped() {
+  propagator_.clear(true);
+  if (Worker* target = worker()) target->discardAndReset(true);
+}
+
+void VioRos::updated(const VioUpdate& update) {
+  VioState before;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    before = last_update_.state;
+    last_update_ = update;
+  }
+  if (update.state != before) {
+    ROS_INFO_STREAM(name_ << ": " << toString(before) << " -> " << toString(update.state) << ": "
+                          << update.reason);
+  }
+  carryOn(update);
+  outputs_.publish(update);
+  publishStatus(update);
+}
+
+void VioRos::carryOn(const VioUpdate& update) {
+  if (!update.odometry) {
+    propagator_.clear(false);
+    return;
+  }
+  const ImuBias bias{update.calibration.gyroscope_bias, update.calibration.accelerometer_bias};
+  propagator_.rebase(toMotionState(*update.odometry), bias,
+                     scaledNoise(parameters_.rig.imu_noise, update.calibration));
+}
+
+void VioRos::watch() {
+  inputs_->watch();
+  if (const std::optional<std::string> silence = inputs_->silence()) {
+    publishWaiting(toTimeNs(ros::Time::now()), *silence);
+    log_.warn("silence", *silence);
+  }
+  const std::optional<std::string> disagreement = inputs_->disagreement();
+  if (disagreement) log_.warn("stamps", *disagreement);
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    input_remark_ = disagreement.value_or("");
+  }
+  if (diagnostics_) diagnostics_->update();
+}
+
+void VioRos::publishStatus(const VioUpdate& update) {
+  CalibrationStatus status = toStatus(update, frames_.imu());
+  status.images_dropped += inputs_->imagesRefused();
+  status.imu_dropped += inputs_->imuRefused();
+  status.latency_ms = inputs_->latencyMs(update.stamp);
+  if (const Worker* source = worker()) {
+    const PacketQueue::Counters counters = source->queueCounters();
+    status.images_dropped += counters.images_dropped;
+    status.imu_dropped += counters.imu_dropped;
+    status.queue_length = static_cast<std::uint32_t>(counters.images_waiting + counters.imu_waiting);
+  }
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (!input_remark_.empty()) status.reason += (status.reason.empty() ? "" : "; ") + input_remark_;
+    last_status_ = status;
+  }
+  outputs_.publishStatus(status);
+}
+
+void VioRos::publishWaiting(TimeNs stamp, const std::string& reason) {
+  VioUpdate update;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    update = last_update_;
+  }
+  update.stamp = stamp;
+  update.reason = reason;
+  update.motion_advice.clear();
+  publishStatus(update);
+}
+
+VioHealth VioRos::health() const {
+  VioHealth health;
+  health.image_rate = inputs_->imageRate();
+  health.imu_rate = inputs_->imuRate();
+  health.input_problem = inputs_->silence();
+  if (!health.input_problem) health.input_problem = inputs_->disagreement();
+  const std::lock_guard<std::mutex> lock(mutex_);
+  health.status = last_status_;
+  return health;
+}
+
+}  // namespace autocal_vio
