@@ -9,11 +9,13 @@
 #include "autocal_vio/estimator/extrinsic_monitor.h"
 #include "autocal_vio/frontend/feature_tracker_options.h"
 #include "autocal_vio/initializer/initializer_options.h"
+#include "autocal_vio/initializer/rotation_calibrator_options.h"
 
 namespace autocal_vio {
 
 struct VioOptions {
   FeatureTrackerOptions tracker;
+  RotationCalibratorOptions rotation_calibrator;
   InitializerOptions initializer;
   EstimatorOptions estimator;
   ExtrinsicMonitorOptions monitor;
@@ -23,6 +25,7 @@ struct VioOptions {
   template <class Visitor>
   void visitSections(Visitor&& visit) {
     visit("tracker", tracker);
+    visit("rotation_calibrator", rotation_calibrator);
     visit("initializer", initializer);
     visit("estimator", estimator);
     visit("monitor", monitor);

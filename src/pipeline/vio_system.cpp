@@ -1,0 +1,245 @@
+#include "autocal_vio/pipeline/vio_system.h"
+
+#include <algorithm>
+#include <opencv2/core/mat.hpp>
+#include <optional>
+#include <stdexcept>
+#include <utility>
+
+#include "autocal_vio/frontend/feature_tracker.h"
+#include "autocal_vio/pipeline/measurement_sync.h"
+#include "autocal_vio/pipeline/session.h"
+#include "autocal_vio/pipeline/stage_clock.h"
+
+namespace autocal_vio {
+namespace {
+
+void setProblem(std::string* problem, const std::string& text) {
+  if (problem) *problem = text;
+}
+
+CameraModel makeCamera(const RigModel& rig, const VioOptions& options) {
+  std::vector<std::string> problems = validateAll(options);
+  const std::vector<std::string> noise = rig.imu_noise.validate();
+  problems.insert(problems.end(), noise.begin(), noise.end());
+  if (!rig.camera) problems.push_back("no camera intrinsics");
+  if (options.fix_extrinsics && !rig.extrinsics_prior)
+    problems.push_back("fix_extrinsics needs extrinsics to hold");
+  if (rig.camera) {
+    const std::vector<std::string> camera = rig.camera->validate();
+    problems.insert(problems.end(), camera.begin(), camera.end());
+  }
+  if (problems.empty()) return CameraModel(*rig.camera);
+  std::string text;
+  for (const std::string& problem : problems) text += (text.empty() ? "" : "; ") + problem;
+  throw std::invalid_argument(text);
+}
+
+}  // namespace
+
+class VioSystem::Impl {
+ public:
+  Impl(const RigModel& rig, const VioOptions& options, UpdateSink sink)
+      : camera_(makeCamera(rig, options)),
+        rig_(rig),
+        options_(options),
+        sink_(std::move(sink)),
+        tracker_(camera_, options.tracker) {
+    startSession(rig_, std::nullopt);
+  }
+
+  void addImu(const ImuSample& sample) {
+    switch (sync_.addImu(sample)) {
+      case MeasurementSync::ImuVerdict::kAdded:
+        break;
+      case MeasurementSync::ImuVerdict::kNotFinite:
+        ++counters_.imu_not_finite;
+        return;
+      case MeasurementSync::ImuVerdict::kOutOfOrder:
+        ++counters_.imu_out_of_order;
+        return;
+      case MeasurementSync::ImuVerdict::kTimeJumpedBack:
+        restartClock();
+        sync_.addImu(sample);
+        break;
+    }
+    processReady();
+  }
+
+  bool addFrame(PendingFrame frame, std::string* problem) {
+    bool dropped = false;
+    MeasurementSync::FrameVerdict verdict = sync_.addFrame(frame, &dropped);
+    if (verdict == MeasurementSync::FrameVerdict::kTimeJumpedBack) {
+      restartClock();
+      verdict = sync_.addFrame(std::move(frame), &dropped);
+    }
+    if (verdict == MeasurementSync::FrameVerdict::kOutOfOrder) {
+      ++counters_.images_dropped;
+      setProblem(problem, "the image's stamp is not newer than the last");
+      return false;
+    }
+    if (dropped) ++counters_.images_dropped;
+    processReady();
+    return true;
+  }
+
+  bool addImage(const ImageFrame& frame, std::string* problem) {
+    const bool usable = frame.image.type() == CV_8UC1 && frame.image.cols == camera_.width() &&
+                        frame.image.rows == camera_.height();
+    if (!usable) {
+      ++counters_.images_dropped;
+      setProblem(problem, "the image is not 8-bit grey of " + std::to_string(camera_.width()) + "x" +
+                              std::to_string(camera_.height()) + " pixels");
+      return false;
+    }
+    PendingFrame pending;
+    pending.stamp = frame.stamp;
+    pending.image = frame.image;
+    return addFrame(std::move(pending), problem);
+  }
+
+  void reset(bool keep_calibration) {
+    ++counters_.resets;
+    RigModel rig = rig_;
+    if (keep_calibration) rig = rigWithCalibration();
+    tracker_.reset();
+    last_processed_.reset();
+    startSession(rig, session_->lastPose());
+  }
+
+  void freeze(const FreezeSelection& selection) {
+    frozen_ = selection;
+    session_->hold(selection.rotation, selection.translation, selection.time_offset);
+  }
+
+  const CameraModel& camera() const { return camera_; }
+  const VioUpdate& lastUpdate() const { return update_; }
+
+ private:
+  void startSession(const RigModel& rig, const std::optional<Transform>& start_pose) {
+    session_rig_ = rig;
+    session_ = std::make_unique<Session>(camera_.focalLength(), rig, options_, start_pose);
+    if (frozen_) session_->hold(frozen_->rotation, frozen_->translation, frozen_->time_offset);
+  }
+
+  // What is known of the calibration now: the running estimate, else what the session began with.
+  RigModel rigWithCalibration() const {
+    RigModel rig = session_rig_;
+    if (const std::optional<ExtrinsicsPrior> prior = session_->calibrationPrior()) {
+      rig.extrinsics_prior = prior;
+      rig.time_offset_prior = {session_->td(), 1e-3};
+    }
+    return rig;
+  }
+
+  // The clock went back (a bag played in a loop): nothing buffered is of use, the calibration is.
+  void restartClock() {
+    sync_.clear();
+    reset(true);
+  }
+
+  void processReady() {
+    int dropped = 0;
+    while (std::optional<PendingFrame> frame = sync_.pop(session_->td(), &dropped)) {
+      counters_.images_dropped += dropped;
+      process(std::move(*frame));
+    }
+    counters_.images_dropped += dropped;
+  }
+
+  void process(PendingFrame pending) {
+    update_ = VioUpdate();
+    update_.stamp = pending.stamp;
+    const FeatureFrame frame = pending.features ? std::move(*pending.features) : track(pending);
+    fillTracks(frame);
+    last_processed_ = pending.stamp;
+    if (!session_->process(frame, sync_.imu(), &update_)) {
+      ++counters_.resets;
+      const RigModel rig = rigWithCalibration();
+      startSession(rig, session_->lastPose());
+      lost_because_ = update_.reason;
+    } else if (session_->estimating()) {
+      lost_because_.clear();
+    } else if (!lost_because_.empty()) {
+      update_.state = VioState::kLost;
+      update_.reason = lost_because_ + "; starting again: " + update_.reason;
+    }
+    ++counters_.images_processed;
+    update_.counters = counters_;
+    sink_(update_);
+  }
+
+  FeatureFrame track(const PendingFrame& pending) {
+    const StageClock clock;
+    std::optional<Eigen::Matrix3d> prediction;
+    if (last_processed_)
+      prediction = session_->predictedRotation(*last_processed_, pending.stamp, sync_.imu());
+    FeatureFrame frame = tracker_.track(pending.stamp, pending.image, prediction);
+    update_.times.tracking_ms = clock.elapsedMs();
+    return frame;
+  }
+
+  void fillTracks(const FeatureFrame& frame) {
+    update_.tracked_features = static_cast<int>(frame.features.size());
+    std::vector<std::pair<std::int64_t, int>> ages;
+    for (const Feature& feature : frame.features) {
+      const auto before = std::lower_bound(ages_.begin(), ages_.end(), std::make_pair(feature.track_id, 0));
+      const int age = before != ages_.end() && before->first == feature.track_id ? before->second + 1 : 1;
+      ages.emplace_back(feature.track_id, age);
+      update_.tracks.push_back({feature.track_id, feature.pixel, age, false});
+    }
+    ages_ = std::move(ages);
+  }
+
+  CameraModel camera_;
+  RigModel rig_, session_rig_;
+  VioOptions options_;
+  UpdateSink sink_;
+  FeatureTracker tracker_;
+  MeasurementSync sync_;
+  std::unique_ptr<Session> session_;
+  std::optional<FreezeSelection> frozen_;
+  std::optional<TimeNs> last_processed_;
+  std::vector<std::pair<std::int64_t, int>> ages_;  ///< of the tracks in the last image, by ascending id
+  std::string lost_because_;
+  VioCounters counters_;
+  VioUpdate update_;
+};
+
+VioSystem::VioSystem(const RigModel& rig, const VioOptions& options, UpdateSink sink)
+    : impl_(std::make_unique<Impl>(rig, options, std::move(sink))) {}
+
+VioSystem::~VioSystem() = default;
+
+void VioSystem::addImu(const ImuSample& sample) {
+  impl_->addImu(sample);
+}
+
+bool VioSystem::addImage(const ImageFrame& frame, std::string* problem) {
+  return impl_->addImage(frame, problem);
+}
+
+bool VioSystem::addFeatures(const FeatureFrame& frame, std::string* problem) {
+  PendingFrame pending;
+  pending.stamp = frame.stamp;
+  pending.features = frame;
+  return impl_->addFrame(std::move(pending), problem);
+}
+
+void VioSystem::reset(bool keep_calibration) {
+  impl_->reset(keep_calibration);
+}
+
+void VioSystem::freeze(const FreezeSelection& selection) {
+  impl_->freeze(selection);
+}
+
+const CameraModel& VioSystem::camera() const {
+  return impl_->camera();
+}
+
+const VioUpdate& VioSystem::lastUpdate() const {
+  return impl_->lastUpdate();
+}
+
+}  // namespace autocal_vio
