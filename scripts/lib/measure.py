@@ -161,21 +161,22 @@ def live(table, arguments):
     out = arguments.out / 'live'
     images = sum(1 for line in (data / 'cam0/data.csv').read_text().splitlines() if line and not line.startswith('#'))
     run = Run(out, [ROOT / 'scripts/demo', data, '--out', out])
-    figures, counts = run.score(truth, sensor), run.yaml('live.yaml')
-    processed = counts.get('images_processed', 0)
+    figures, counts, report = run.score(truth, sensor), run.yaml('live.yaml'), run.yaml('report.yaml')
+    processed = report.get('images_processed', 0)
     table.holds('live', 'images processed', '%d of %d' % (processed, images), 'all', processed >= images - 1)
-    table.holds('live', 'images dropped', counts.get('images_dropped'), '0', counts.get('images_dropped') == 0)
-    status = counts.get('status', 0)
+    table.holds('live', 'images dropped', report.get('images_dropped'), '0', report.get('images_dropped') == 0)
+    status = counts.get('status_messages', 0)
     table.holds('live', 'status messages', status, 'one an image', status >= images - 2)
     poses = figures.get('poses', 0)
     table.below('live', 'largest gap in the odometry', figures.get('largest_gap_s'), 0.1, 's')
-    transforms = counts.get('tf', {})
+    transforms = counts.get('transforms_by_parent', {})
     table.holds('live', 'tf of the odometry', transforms.get('odom', 0), 'one a pose', transforms.get('odom', 0) >= poses > 0)
     table.below('live', 'first odometry after', figures.get('first_pose_s'), 12, 's')
     table.below('live', 'rotation at the end', figures.get('rotation_deg'), 0.7, 'deg')
     table.below('live', 'ATE', figures.get('ate_m'), 0.25, 'm')
-    for name in ('latency_ms_median', 'latency_ms_p99'):
-        table.inform('live', name, '%.1f' % counts[name] if name in counts else '-')
+    latency = counts.get('latency_ms') or {}
+    for name in ('median', 'p99', 'max'):
+        table.inform('live', 'latency, ' + name, '%s ms' % latency.get(name))
 
 
 def standstill(table, arguments):

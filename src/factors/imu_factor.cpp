@@ -24,12 +24,17 @@ struct FrameView {
   Eigen::Map<const Vector3d> v, b_g, b_a;
 };
 
+// U, upper triangular, with U^T U = covariance^-1.
 Matrix15d inverseSqrt(const Matrix15d& covariance) {
-  // A floor far below any sensor's noise keeps the factorisation alive for very short intervals.
-  Matrix15d padded = covariance;
-  padded.diagonal().array() += 1e-18;
-  const Matrix15d information = padded.llt().solve(Matrix15d::Identity());
-  return information.llt().matrixU();
+  // In units of the sigmas, as the variances span many orders of magnitude. The floor, far below any sensor's
+  // noise, keeps an interval without samples finite.
+  const Vector15d scale = (covariance.diagonal().array() + 1e-24).rsqrt();
+  Matrix15d correlation = scale.asDiagonal() * covariance * scale.asDiagonal();
+  correlation.diagonal().setOnes();
+  // Factored from the last state to the first: covariance = V V^T with V upper triangular, hence U = V^-1.
+  const Matrix15d L = Matrix15d(correlation.reverse()).llt().matrixL();
+  const Matrix15d V = L.reverse();
+  return V.triangularView<Eigen::Upper>().solve(Matrix15d(scale.asDiagonal()));
 }
 
 // Writes U * [J_p, J_theta] as the Jacobian by [p, q].
