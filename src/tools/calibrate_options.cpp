@@ -1,5 +1,7 @@
 #include "autocal_vio/tools/calibrate_options.h"
 
+#include <utility>
+
 #include "autocal_vio/calibration_io/load_problems.h"
 #include "autocal_vio/calibration_io/rig_file.h"
 #include "autocal_vio/calibration_io/urdf_extrinsics.h"
@@ -19,7 +21,43 @@ const char* const kDescription =
     "converged;\n"
     "1 bad input.";
 
-CommandLine makeCommandLine(CalibrateOptions* o) {
+void requirePositive(const char* name, const std::optional<double>& value,
+                     std::vector<std::string>* problems) {
+  if (value && *value <= 0.0) problems->push_back(std::string(name) + ": must be above 0");
+}
+
+bool isUrdf(const CalibrateOptions& options) {
+  const std::string& file = options.initial_file;
+  const bool named_so = file.size() > 5 && file.compare(file.size() - 5, 5, ".urdf") == 0;
+  return named_so || !options.camera_link.empty() || !options.imu_link.empty();
+}
+
+std::vector<std::string> inconsistencies(const CalibrateOptions& o) {
+  std::vector<std::string> problems;
+  if (o.dataset.input.empty()) problems.push_back("INPUT: is missing (see --help)");
+  if (o.output_folder.empty()) problems.push_back("--out: is missing (see --help)");
+  if (o.window.start < 0.0) problems.push_back("--start: must not be negative");
+  requirePositive("--duration", o.window.duration, &problems);
+  requirePositive("--initial-sigma-rotation", o.initial_sigma_rotation_deg, &problems);
+  requirePositive("--initial-sigma-translation", o.initial_sigma_translation, &problems);
+  if (o.initial_file.empty()) {
+    for (const auto& [name, given] :
+         {std::pair("--camera-link", !o.camera_link.empty()), std::pair("--imu-link", !o.imu_link.empty()),
+          std::pair("--initial-sigma-rotation", o.initial_sigma_rotation_deg.has_value()),
+          std::pair("--initial-sigma-translation", o.initial_sigma_translation.has_value())}) {
+      if (given) problems.push_back(std::string(name) + ": has no meaning without --initial");
+    }
+  } else if (isUrdf(o)) {
+    if (o.camera_link.empty()) problems.push_back("--camera-link: is missing for the URDF of --initial");
+    if (o.imu_link.empty()) problems.push_back("--imu-link: is missing for the URDF of --initial");
+  }
+  return problems;
+}
+
+}  // namespace
+
+CommandLine calibrateCommandLine(CalibrateOptions* options) {
+  CalibrateOptions* const o = options;
   CommandLine line("calibrate_bag", kDescription);
   line.addText("out", "DIR", "folder for the results; created (required)", &o->output_folder);
   line.addFlag("force", "overwrite the results of an earlier run in DIR", &o->force);
@@ -54,66 +92,13 @@ CommandLine makeCommandLine(CalibrateOptions* o) {
   line.addFlag("quiet", "no progress, only warnings, errors and the result", &o->quiet);
   line.addFlag("print-estimator-settings", "print the algorithm settings with their defaults, and leave",
                &o->print_estimator_settings);
-  line.addFlag("help", "print this text, and leave", &o->help);
   line.addArgument("INPUT", "bag, or ASL folder", &o->dataset.input);
   return line;
 }
 
-bool contains(const std::vector<std::string>& arguments, const std::string& flag) {
-  for (const std::string& argument : arguments) {
-    if (argument == flag) return true;
-  }
-  return false;
-}
-
-void requirePositive(const char* name, const std::optional<double>& value,
-                     std::vector<std::string>* problems) {
-  if (value && *value <= 0.0) problems->push_back(std::string(name) + ": must be above 0");
-}
-
-bool isUrdf(const CalibrateOptions& options) {
-  const std::string& file = options.initial_file;
-  const bool named_so = file.size() > 5 && file.compare(file.size() - 5, 5, ".urdf") == 0;
-  return named_so || !options.camera_link.empty() || !options.imu_link.empty();
-}
-
-std::vector<std::string> inconsistencies(const CalibrateOptions& o) {
-  std::vector<std::string> problems;
-  if (o.output_folder.empty()) problems.push_back("--out: is missing (see --help)");
-  if (o.window.start < 0.0) problems.push_back("--start: must not be negative");
-  requirePositive("--duration", o.window.duration, &problems);
-  requirePositive("--initial-sigma-rotation", o.initial_sigma_rotation_deg, &problems);
-  requirePositive("--initial-sigma-translation", o.initial_sigma_translation, &problems);
-  if (o.initial_file.empty()) {
-    for (const auto& [name, given] :
-         {std::pair("--camera-link", !o.camera_link.empty()), std::pair("--imu-link", !o.imu_link.empty()),
-          std::pair("--initial-sigma-rotation", o.initial_sigma_rotation_deg.has_value()),
-          std::pair("--initial-sigma-translation", o.initial_sigma_translation.has_value())}) {
-      if (given) problems.push_back(std::string(name) + ": has no meaning without --initial");
-    }
-  } else if (isUrdf(o)) {
-    if (o.camera_link.empty()) problems.push_back("--camera-link: is missing for the URDF of --initial");
-    if (o.imu_link.empty()) problems.push_back("--imu-link: is missing for the URDF of --initial");
-  }
-  return problems;
-}
-
-}  // namespace
-
-CalibrateOptions parseCalibrateOptions(const std::vector<std::string>& arguments) {
-  CalibrateOptions options;
-  options.help = contains(arguments, "--help");
-  options.print_estimator_settings = contains(arguments, "--print-estimator-settings");
-  if (options.help || options.print_estimator_settings) return options;
-  makeCommandLine(&options).parse(arguments);
+void checkCalibrateOptions(const CalibrateOptions& options) {
   const std::vector<std::string> problems = inconsistencies(options);
   if (!problems.empty()) throw LoadProblems(problems);
-  return options;
-}
-
-std::string calibrateHelp() {
-  CalibrateOptions options;
-  return makeCommandLine(&options).help();
 }
 
 void applyInitialFile(const CalibrateOptions& options, RigModel* rig) {

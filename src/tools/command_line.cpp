@@ -1,5 +1,6 @@
 #include "autocal_vio/tools/command_line.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <utility>
@@ -75,6 +76,13 @@ void CommandLine::addNumber(const std::string& name, const std::string& value_na
   });
 }
 
+void CommandLine::addSwitch(const std::string& name, const std::string& help, bool* target) {
+  add(name, "on|off", help, [target](const std::string& value) {
+    *target = value == "on";
+    return *target || value == "off" ? std::string() : "expected on or off, is '" + value + "'";
+  });
+}
+
 void CommandLine::addInteger(const std::string& name, const std::string& value_name, const std::string& help,
                              int* target) {
   add(name, value_name, help, [target](const std::string& value) {
@@ -139,9 +147,11 @@ void CommandLine::parse(const std::vector<std::string>& arguments) {
       problems_.push_back("'" + argument + "': one argument too many");
     }
   }
-  for (; position < positional_.size(); ++position)
-    problems_.push_back(positional_[position].value_name + ": is missing (see --help)");
   if (!problems_.empty()) throw LoadProblems(problems_);
+}
+
+bool CommandLine::asksForHelp(const std::vector<std::string>& arguments) {
+  return std::find(arguments.begin(), arguments.end(), "--help") != arguments.end();
 }
 
 std::string CommandLine::help() const {
@@ -152,7 +162,7 @@ std::string CommandLine::help() const {
   if (!positional_.empty()) text += "\n";
   for (const Option& option : options_)
     text += helpEntry(option.name + (option.value_name.empty() ? "" : " " + option.value_name), option.help);
-  return text;
+  return text + helpEntry("--help", "print this text, and leave");
 }
 
 }  // namespace autocal_vio

@@ -10,9 +10,21 @@
 namespace autocal_vio {
 namespace {
 
+CalibrateOptions parsed(const std::vector<std::string>& arguments) {
+  CalibrateOptions options;
+  calibrateCommandLine(&options).parse(arguments);
+  checkCalibrateOptions(options);
+  return options;
+}
+
+std::string helpText() {
+  CalibrateOptions options;
+  return calibrateCommandLine(&options).help();
+}
+
 std::string reasonOf(const std::vector<std::string>& arguments) {
   try {
-    parseCalibrateOptions(arguments);
+    parsed(arguments);
   } catch (const LoadProblems& error) {
     return error.oneLine();
   }
@@ -20,9 +32,8 @@ std::string reasonOf(const std::vector<std::string>& arguments) {
 }
 
 TEST(CommandLine, TakesBothNotationsInAnyOrder) {
-  const CalibrateOptions options =
-      parseCalibrateOptions({"in.bag", "--out=results", "--config", "rig.yaml", "--start", "1.5",
-                             "--duration=-0", "--force", "--duration=3"});
+  const CalibrateOptions options = parsed({"in.bag", "--out=results", "--config", "rig.yaml", "--start",
+                                           "1.5", "--duration=-0", "--force", "--duration=3"});
   EXPECT_EQ(options.dataset.input, "in.bag");
   EXPECT_EQ(options.output_folder, "results");
   EXPECT_EQ(options.dataset.rig_file, "rig.yaml");
@@ -30,7 +41,7 @@ TEST(CommandLine, TakesBothNotationsInAnyOrder) {
   EXPECT_EQ(options.window.duration, 3.0);
   EXPECT_TRUE(options.force);
   EXPECT_FALSE(options.fix_extrinsics);
-  EXPECT_EQ(parseCalibrateOptions({"--out", "o", "--", "--odd-name"}).dataset.input, "--odd-name");
+  EXPECT_EQ(parsed({"--out", "o", "--", "--odd-name"}).dataset.input, "--odd-name");
 }
 
 TEST(CommandLine, ListsEverythingWrong) {
@@ -55,13 +66,13 @@ TEST(CommandLine, RefusesInconsistentOptions) {
 }
 
 TEST(CommandLine, HelpNamesEveryOption) {
-  const std::string help = calibrateHelp();
+  const std::string help = helpText();
   for (const char* name :
        {"--config", "--image-topic", "--imu-topic", "--start", "--duration", "--initial", "--fix-extrinsics",
         "--out", "--force", "--camera-link", "--imu-link", "--progress"})
     EXPECT_NE(help.find(name), std::string::npos) << name;
   EXPECT_NE(help.find("bytes of these"), std::string::npos);
-  EXPECT_TRUE(parseCalibrateOptions({"--help"}).help);
+  EXPECT_TRUE(CommandLine::asksForHelp({"in.bag", "--help"}));
 }
 
 TEST(CommandLine, InitialFileBecomesThePrior) {
@@ -76,8 +87,7 @@ TEST(CommandLine, InitialFileBecomesThePrior) {
   timeshift_cam_imu: 0.004
 )");
   RigModel rig;
-  applyInitialFile(
-      parseCalibrateOptions({"a", "--out=o", "--initial", mount, "--initial-sigma-translation=0.05"}), &rig);
+  applyInitialFile(parsed({"a", "--out=o", "--initial", mount, "--initial-sigma-translation=0.05"}), &rig);
   ASSERT_TRUE(rig.extrinsics_prior);
   EXPECT_LT((rig.extrinsics_prior->T_imu_cam.translation + Eigen::Vector3d(0.1, 0.2, 0.3)).norm(), 1e-15);
   EXPECT_NEAR(rig.extrinsics_prior->sigma_rotation, 2.0 * M_PI / 180.0, 1e-15);
@@ -87,9 +97,8 @@ TEST(CommandLine, InitialFileBecomesThePrior) {
   const std::string robot = folder.write("robot.urdf", R"(<robot name="r"><link name="imu"/><link name="cam"/>
 <joint name="j" type="fixed"><parent link="imu"/><child link="cam"/><origin xyz="1 2 3"/></joint></robot>)");
   RigModel other;
-  applyInitialFile(
-      parseCalibrateOptions({"a", "--out=o", "--initial", robot, "--imu-link=imu", "--camera-link=cam"}),
-      &other);
+  applyInitialFile(parsed({"a", "--out=o", "--initial", robot, "--imu-link=imu", "--camera-link=cam"}),
+                   &other);
   ASSERT_TRUE(other.extrinsics_prior);
   EXPECT_LT((other.extrinsics_prior->T_imu_cam.translation - Eigen::Vector3d(1, 2, 3)).norm(), 1e-15);
   EXPECT_EQ(other.extrinsics_prior->sigma_translation, kDefaultSigmaTranslation);

@@ -26,14 +26,14 @@ struct CalibrateOptions {
   bool force = false;
   bool progress_bar = false;
   bool quiet = false;
-  bool help = false;
   bool print_estimator_settings = false;
 };
 
-/// Throws LoadProblems listing everything wrong with the arguments (program name left out).
-CalibrateOptions parseCalibrateOptions(const std::vector<std::string>& arguments);
+/// The options, bound to `options`, which must live as long.
+CommandLine calibrateCommandLine(CalibrateOptions* options);
 
-std::string calibrateHelp();
+/// Throws LoadProblems listing every option that is missing, impossible or without meaning beside the others.
+void checkCalibrateOptions(const CalibrateOptions& options);
 
 /// The prior of --initial; the file is a URDF when its name ends in .urdf or links are given. Throws
 /// LoadProblems.

@@ -21,15 +21,20 @@ class CommandLine {
                  double* target);
   void addNumber(const std::string& name, const std::string& value_name, const std::string& help,
                  std::optional<double>* target);
+  /// "on" or "off".
+  void addSwitch(const std::string& name, const std::string& help, bool* target);
   void addInteger(const std::string& name, const std::string& value_name, const std::string& help,
                   int* target);
-  /// A positional argument; required.
+  /// A positional argument; its target stays as it is where there are fewer.
   void addArgument(const std::string& value_name, const std::string& help, std::string* target);
 
   /// Fills the targets. Throws LoadProblems listing everything wrong.
   void parse(const std::vector<std::string>& arguments);
 
-  /// The text of --help.
+  /// True when --help stands among the arguments, whatever else does.
+  static bool asksForHelp(const std::vector<std::string>& arguments);
+
+  /// The text of --help, which every program has.
   std::string help() const;
 
  private:
