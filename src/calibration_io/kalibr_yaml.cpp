@@ -61,14 +61,17 @@ void appendNumber(const char* key, const std::optional<double>& value, double fa
 std::string kalibrCamchainText(const KalibrCamchain& camchain) {
   const CameraIntrinsics& camera = camchain.camera;
   const bool radtan = camera.distortion_model == DistortionModel::kRadialTangential;
-  std::string text = commentLines(camchain.comment) + directionsComment(camchain.T_imu_cam) + "cam0:\n";
-  text += "  T_cam_imu:\n" + matrixText(camchain.T_imu_cam.inverse(), "  ");
+  std::string text = commentLines(camchain.comment);
+  if (camchain.T_imu_cam) text += directionsComment(*camchain.T_imu_cam);
+  text += "cam0:\n";
+  if (camchain.T_imu_cam) text += "  T_cam_imu:\n" + matrixText(camchain.T_imu_cam->inverse(), "  ");
   text += "  cam_overlaps: []\n  camera_model: pinhole\n";
   text += "  distortion_coeffs: " + listText(camera.distortion_coeffs) + "\n";
   text += std::string("  distortion_model: ") + (radtan ? "radtan" : "equidistant") + "\n";
   text += "  intrinsics: " + listText(camera.intrinsics) + "\n";
   text += "  resolution: [" + std::to_string(camera.width) + ", " + std::to_string(camera.height) + "]\n";
   if (!camchain.image_topic.empty()) text += "  rostopic: " + quoted(camchain.image_topic) + "\n";
+  if (!camchain.T_imu_cam) return text;
   text += "  timeshift_cam_imu: " + shortestText(camchain.td) + "\n";
   appendNumber("sigma_rotation_deg", camchain.sigma_rotation, 180.0 / M_PI, &text);
   appendNumber("sigma_translation", camchain.sigma_translation, 1.0, &text);
@@ -77,7 +80,7 @@ std::string kalibrCamchainText(const KalibrCamchain& camchain) {
 }
 
 std::optional<std::string> writeKalibrCamchain(const std::string& path, const KalibrCamchain& camchain) {
-  if (!camchain.T_imu_cam.isFinite() || !std::isfinite(camchain.td))
+  if ((camchain.T_imu_cam && !camchain.T_imu_cam->isFinite()) || !std::isfinite(camchain.td))
     return "refused to write " + path + ": the calibration is not finite";
   return writeFileAtomically(path, kalibrCamchainText(camchain));
 }

@@ -53,13 +53,25 @@ TEST(KalibrYaml, RoundTrip) {
   EXPECT_EQ(rig.camera->width, 512);
   EXPECT_EQ(rig.image_topic, "/it's/image");
   ASSERT_TRUE(rig.extrinsics_prior);
-  const Transform difference = rig.extrinsics_prior->T_imu_cam.inverse() * camchain.T_imu_cam;
+  const Transform difference = rig.extrinsics_prior->T_imu_cam.inverse() * *camchain.T_imu_cam;
   EXPECT_LT(difference.translation.norm(), 1e-14);
   EXPECT_LT(logSo3(difference.rotation).norm(), 1e-14);
   EXPECT_EQ(rig.time_offset_prior.td, camchain.td);
   EXPECT_EQ(rig.time_offset_prior.sigma_td, 0.0003);
   EXPECT_NEAR(rig.extrinsics_prior->sigma_rotation, 0.001, 1e-16);
   EXPECT_EQ(rig.extrinsics_prior->sigma_translation, 0.002);
+}
+
+TEST(KalibrYaml, WithoutATransformOnlyTheCameraIsWritten) {
+  const TemporaryFolder folder;
+  KalibrCamchain camchain = exampleCamchain();
+  camchain.T_imu_cam.reset();
+  const std::string path = folder.path("camchain-imucam.yaml");
+  ASSERT_EQ(writeKalibrCamchain(path, camchain), std::nullopt);
+  const std::string text = readWholeFile(path);
+  for (const char* part : {"T_cam_imu", "timeshift_cam_imu:", "sigma_"})
+    EXPECT_EQ(text.find(part), std::string::npos);
+  EXPECT_NE(text.find("intrinsics: [190.97847715128717"), std::string::npos);
 }
 
 TEST(KalibrYaml, RefusesWhatIsNotFiniteAndKeepsTheOldFile) {

@@ -11,9 +11,9 @@ namespace autocal_vio {
 /// What goes into the file.
 struct KalibrCamchain {
   CameraIntrinsics camera;
-  std::string image_topic;                  ///< rostopic, may be empty
-  Transform T_imu_cam;                      ///< pose of the camera in the IMU frame
-  double td = 0.0;                          ///< timeshift_cam_imu: t_imu = t_cam + td [s]
+  std::string image_topic;             ///< rostopic, may be empty
+  std::optional<Transform> T_imu_cam;  ///< pose of the camera in the IMU frame; nothing: left out of the file
+  double td = 0.0;                     ///< timeshift_cam_imu: t_imu = t_cam + td [s]
   std::optional<double> sigma_rotation;     ///< [rad], worst axis; written as sigma_rotation_deg
   std::optional<double> sigma_translation;  ///< [m], worst axis
   std::optional<double> sigma_td;           ///< [s]

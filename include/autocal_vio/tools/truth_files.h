@@ -1,0 +1,22 @@
+// The truth of simulated data as files that evaluation tools read.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "autocal_vio/sim/simulated_rig.h"
+#include "autocal_vio/sim/truth_sample.h"
+
+namespace autocal_vio {
+
+/// EuRoC's state_groundtruth_estimate0/data.csv: stamp [ns], p, q w x y z, v, gyroscope and accelerometer bias. The
+/// stamps are the images' (camera clock), as are those of odometry.tum.
+std::string truthCsvText(const std::vector<TruthSample>& truth);
+
+/// "stamp tx ty tz qx qy qz qw" with the images' stamps.
+std::string truthTumText(const std::vector<TruthSample>& truth);
+
+/// True T_cam_imu and time offset in Kalibr's form.
+std::string truthExtrinsicsText(const SimulatedRig& rig);
+
+}  // namespace autocal_vio
