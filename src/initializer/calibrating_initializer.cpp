@@ -55,7 +55,8 @@ struct CalibratingInitializer::Attempt {
 
 CalibratingInitializer::CalibratingInitializer(double focal_length, const ImuNoise& noise,
                                                const std::optional<ExtrinsicsPrior>& prior,
-                                               const TimeOffsetPrior& time_offset, const InitializerOptions& options,
+                                               const TimeOffsetPrior& time_offset,
+                                               const InitializerOptions& options,
                                                const RotationCalibratorOptions& rotation_options,
                                                const GraphOptions& graph_options)
     : focal_length_(focal_length),
@@ -79,15 +80,19 @@ std::optional<Eigen::Quaterniond> CalibratingInitializer::rotation() const {
   return std::nullopt;
 }
 
-Eigen::Vector3d CalibratingInitializer::gyroscopeBias() const { return status_.rotation.gyroscope_bias; }
+Eigen::Vector3d CalibratingInitializer::gyroscopeBias() const {
+  return status_.rotation.gyroscope_bias;
+}
 
-std::optional<InitializedProblem> CalibratingInitializer::addFrame(const FeatureFrame& frame, const ImuBuffer& imu) {
+std::optional<InitializedProblem> CalibratingInitializer::addFrame(const FeatureFrame& frame,
+                                                                   const ImuBuffer& imu) {
   rotation_calibrator_.addFrame(frame, imu);
   status_.rotation = rotation_calibrator_.estimate();
   status_.rotation_known = rotation().has_value();
   if (isKeyframe(frame)) {
     const TimeNs shift = fromSeconds(td());
-    if (!keyframes_.empty() && imu.largestGap(keyframes_.back().stamp + shift, frame.stamp + shift) > fromSeconds(kLargestGap))
+    if (!keyframes_.empty() &&
+        imu.largestGap(keyframes_.back().stamp + shift, frame.stamp + shift) > fromSeconds(kLargestGap))
       keyframes_.clear();
     keyframes_.push_back(frame);
     while (static_cast<int>(keyframes_.size()) > options_.max_keyframes) keyframes_.pop_front();
@@ -103,11 +108,13 @@ std::optional<InitializedProblem> CalibratingInitializer::addFrame(const Feature
 }
 
 bool CalibratingInitializer::isKeyframe(const FeatureFrame& frame) const {
-  return keyframes_.empty() || toSeconds(frame.stamp - keyframes_.back().stamp) >= options_.keyframe_interval - 1e-3;
+  return keyframes_.empty() ||
+         toSeconds(frame.stamp - keyframes_.back().stamp) >= options_.keyframe_interval - 1e-3;
 }
 
 bool CalibratingInitializer::attemptDue(const FeatureFrame& frame) const {
-  return static_cast<int>(keyframes_.size()) >= options_.min_keyframes && keyframes_.back().stamp == frame.stamp &&
+  return static_cast<int>(keyframes_.size()) >= options_.min_keyframes &&
+         keyframes_.back().stamp == frame.stamp &&
          toSeconds(frame.stamp - last_attempt_) >= options_.attempt_interval - 1e-3;
 }
 
@@ -134,7 +141,8 @@ std::optional<InitializedProblem> CalibratingInitializer::attempt(const ImuBuffe
 bool CalibratingInitializer::preintegrate(const ImuBuffer& imu, Attempt* attempt) {
   const TimeNs shift = fromSeconds(attempt->td);
   for (std::size_t i = 1; i < attempt->keyframes.size(); ++i) {
-    std::vector<ImuSample> samples = imu.slice(attempt->keyframes[i - 1].stamp + shift, attempt->keyframes[i].stamp + shift);
+    std::vector<ImuSample> samples =
+        imu.slice(attempt->keyframes[i - 1].stamp + shift, attempt->keyframes[i].stamp + shift);
     if (samples.size() < 2) return fail("the IMU does not cover the keyframes", "");
     attempt->preintegrations.emplace_back(std::move(samples), attempt->bias, noise_);
   }
@@ -145,13 +153,15 @@ bool CalibratingInitializer::reconstruct(Attempt* attempt) {
   // Rotations from the gyroscope: R_VC with V the first keyframe's camera.
   std::vector<Eigen::Quaterniond> R_VC{Eigen::Quaterniond::Identity()};
   for (const Preintegration& pre : attempt->preintegrations)
-    R_VC.push_back((R_VC.back() * attempt->R_BC.conjugate() * pre.increment().rotation * attempt->R_BC).normalized());
+    R_VC.push_back(
+        (R_VC.back() * attempt->R_BC.conjugate() * pre.increment().rotation * attempt->R_BC).normalized());
   attempt->structure = structureFromMotion(attempt->keyframes, R_VC, StructureOptions());
   if (!attempt->structure.ok())
     return fail(attempt->structure.failure, "move the camera sideways as well as turning it");
   for (std::size_t i = 0; i < attempt->keyframes.size(); ++i) {
     const Transform& T_VC = attempt->structure.T_VC[i];
-    attempt->poses.push_back({attempt->keyframes[i].stamp + fromSeconds(attempt->td), T_VC.rotation, T_VC.translation});
+    attempt->poses.push_back(
+        {attempt->keyframes[i].stamp + fromSeconds(attempt->td), T_VC.rotation, T_VC.translation});
   }
   return true;
 }
@@ -196,7 +206,8 @@ InitializedProblem CalibratingInitializer::buildProblem(const Attempt& attempt) 
   }
   prior.td = time_offset_prior_.td;
   prior.sigma_td = time_offset_prior_.sigma_td;
-  InitializedProblem problem{VisualInertialGraph(graph_options_, prior), NoiseAdaptation(noise_, kLargestNoiseFactor)};
+  InitializedProblem problem{VisualInertialGraph(graph_options_, prior),
+                             NoiseAdaptation(noise_, kLargestNoiseFactor)};
   VisualInertialGraph& graph = problem.graph;
   graph.calibration().setTransform(Transform(attempt.R_BC, alignment.p_BC));
   graph.calibration().td = attempt.td;
@@ -214,7 +225,8 @@ InitializedProblem CalibratingInitializer::buildProblem(const Attempt& attempt) 
     frame.setPose(Transform(R_WV * pose.R_VC, alignment.scale * (R_WV * pose.p_VC)) * T_CB);
     frame.setMotion(R_WV * attempt.velocities_V[i], bias);
     const Preintegration& pre = attempt.preintegrations[i == 0 ? 0 : i - 1];
-    frame.measured_angular_velocity = (i == 0 ? pre.samples().front() : pre.samples().back()).angular_velocity;
+    frame.measured_angular_velocity =
+        (i == 0 ? pre.samples().front() : pre.samples().back()).angular_velocity;
     if (i > 0) frame.preintegration = std::make_shared<Preintegration>(pre);
     if (i > 0) frame.preintegration->repropagate(bias);
     graph.addFrame(std::move(frame));
@@ -225,7 +237,8 @@ InitializedProblem CalibratingInitializer::buildProblem(const Attempt& attempt) 
 }
 
 bool CalibratingInitializer::refine(InitializedProblem* problem) {
-  const std::string failure = solveAdaptingNoise(kSolveIterations, kOutlierPx, &problem->graph, &problem->noise);
+  const std::string failure =
+      solveAdaptingNoise(kSolveIterations, kOutlierPx, &problem->graph, &problem->noise);
   return failure.empty() || fail(failure, "keep moving with changing speed and direction, while turning");
 }
 
@@ -238,11 +251,13 @@ bool CalibratingInitializer::judge(const InitializedProblem& problem) {
   const NoiseFactors& factors = problem.noise.factors();
   std::ostringstream why;
   if (!(sigma_scale < options_.max_sigma_scale)) {
-    why << "scale is known to " << 100.0 * sigma_scale << " % (sigma), needs " << 100.0 * options_.max_sigma_scale << " %";
+    why << "scale is known to " << 100.0 * sigma_scale << " % (sigma), needs "
+        << 100.0 * options_.max_sigma_scale << " %";
   } else if (!(rms < kLargestPixelRms)) {
     why << "images and IMU do not fit together yet: reprojection error " << rms << " px";
   } else if (factors.accelerometer >= kLargestNoiseFactor || factors.gyroscope >= kLargestNoiseFactor) {
-    why << "images and IMU do not fit together yet: IMU noise " << kLargestNoiseFactor << " times the rig file's";
+    why << "images and IMU do not fit together yet: IMU noise " << kLargestNoiseFactor
+        << " times the rig file's";
   }
   if (!why.str().empty()) return fail(why.str(), advice);
   status_.sigma_scale = sigma_scale;

@@ -30,7 +30,8 @@ struct SystemOutcome {
 };
 
 /// RMSE of positions after the best yaw and translation [m].
-inline double absoluteTrajectoryError(const std::vector<Eigen::Vector3d>& estimate, const std::vector<Eigen::Vector3d>& truth) {
+inline double absoluteTrajectoryError(const std::vector<Eigen::Vector3d>& estimate,
+                                      const std::vector<Eigen::Vector3d>& truth) {
   if (estimate.size() < 2) return 1e3;
   Eigen::Vector3d mean_e = Eigen::Vector3d::Zero(), mean_t = Eigen::Vector3d::Zero();
   for (std::size_t i = 0; i < estimate.size(); ++i) {
@@ -50,7 +51,8 @@ inline double absoluteTrajectoryError(const std::vector<Eigen::Vector3d>& estima
   return std::sqrt(squared / static_cast<double>(estimate.size()));
 }
 
-inline SystemOutcome runSystem(const FeatureDataset& data, const RigModel& rig, const VioOptions& options, bool verbose = false) {
+inline SystemOutcome runSystem(const FeatureDataset& data, const RigModel& rig, const VioOptions& options,
+                               bool verbose = false) {
   SystemOutcome outcome;
   std::vector<Eigen::Vector3d> estimated, true_positions;
   std::size_t index = 0;
@@ -70,9 +72,12 @@ inline SystemOutcome runSystem(const FeatureDataset& data, const RigModel& rig, 
     outcome.final_state = update.state;
     outcome.final_reason = update.reason;
     if (!c.T_imu_cam.isFinite()) outcome.finite = false;
-    if (verbose && (update.reason != last_reason) && (!update.odometry || static_cast<int>(t * 20) % 20 == 0)) {
-      std::printf("  %6.2f %-24s rot %.3f deg, trans %.1f mm, td %.2f ms, noise x%.1f x%.1f px %.2f | %s\n", t, toString(update.state), outcome.rotation_deg,
-                  1e3 * outcome.translation_m, 1e3 * c.td, c.accelerometer_noise_factor, c.gyroscope_noise_factor, c.pixel_sigma, update.reason.c_str());
+    if (verbose && (update.reason != last_reason) &&
+        (!update.odometry || static_cast<int>(t * 20) % 20 == 0)) {
+      std::printf("  %6.2f %-24s rot %.3f deg, trans %.1f mm, td %.2f ms, noise x%.1f x%.1f px %.2f | %s\n",
+                  t, toString(update.state), outcome.rotation_deg, 1e3 * outcome.translation_m, 1e3 * c.td,
+                  c.accelerometer_noise_factor, c.gyroscope_noise_factor, c.pixel_sigma,
+                  update.reason.c_str());
       last_reason = update.reason;
     }
     if (update.state == VioState::kConverged && !std::isfinite(outcome.converged_s)) {
@@ -88,12 +93,14 @@ inline SystemOutcome runSystem(const FeatureDataset& data, const RigModel& rig, 
     if (!update.odometry->T_odom_imu.isFinite()) outcome.finite = false;
     estimated.push_back(update.odometry->T_odom_imu.translation);
     true_positions.push_back(data.truth[index].T_WB.translation);
-    if (true_positions.size() > 1) outcome.distance_m += (true_positions.back() - true_positions[true_positions.size() - 2]).norm();
+    if (true_positions.size() > 1)
+      outcome.distance_m += (true_positions.back() - true_positions[true_positions.size() - 2]).norm();
   };
   VioSystem system(rig, options, sink);
   std::size_t frame = 0;
   for (const ImuSample& sample : data.imu) {
-    while (frame < data.frames.size() && data.frames[frame].stamp <= sample.stamp) system.addFeatures(data.frames[frame++]);
+    while (frame < data.frames.size() && data.frames[frame].stamp <= sample.stamp)
+      system.addFeatures(data.frames[frame++]);
     system.addImu(sample);
   }
   outcome.ate_m = absoluteTrajectoryError(estimated, true_positions);
@@ -101,11 +108,13 @@ inline SystemOutcome runSystem(const FeatureDataset& data, const RigModel& rig, 
 }
 
 inline void print(const char* name, std::uint64_t seed, const SystemOutcome& o) {
-  std::printf("%s seed %llu: first odometry %.2f s, converged %.2f s (%.3f deg, %.1f mm), end: rotation %.4f deg, translation %.2f mm, td %.3f ms, "
-              "%.1f sigma, ATE %.3f m of %.1f m (%.2f %%), %d gaps, %s\n",
-              name, static_cast<unsigned long long>(seed), o.first_odometry_s, o.converged_s, o.rotation_at_claim_deg,
-              1e3 * o.translation_at_claim_m, o.rotation_deg, 1e3 * o.translation_m, o.td_ms, o.largest_sigmas, o.ate_m,
-              o.distance_m, 100.0 * o.ate_m / o.distance_m, o.gaps, toString(o.final_state));
+  std::printf(
+      "%s seed %llu: first odometry %.2f s, converged %.2f s (%.3f deg, %.1f mm), end: rotation %.4f deg, "
+      "translation %.2f mm, td %.3f ms, "
+      "%.1f sigma, ATE %.3f m of %.1f m (%.2f %%), %d gaps, %s\n",
+      name, static_cast<unsigned long long>(seed), o.first_odometry_s, o.converged_s, o.rotation_at_claim_deg,
+      1e3 * o.translation_at_claim_m, o.rotation_deg, 1e3 * o.translation_m, o.td_ms, o.largest_sigmas,
+      o.ate_m, o.distance_m, 100.0 * o.ate_m / o.distance_m, o.gaps, toString(o.final_state));
   std::fflush(stdout);
 }
 

@@ -8,7 +8,9 @@
 namespace autocal_vio {
 namespace {
 
-bool verbose() { return std::getenv("AUTOCAL_VIO_VERBOSE") != nullptr; }
+bool verbose() {
+  return std::getenv("AUTOCAL_VIO_VERBOSE") != nullptr;
+}
 
 int seeds(int standard) {
   const char* wanted = std::getenv("AUTOCAL_VIO_SEEDS");
