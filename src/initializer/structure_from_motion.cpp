@@ -1,0 +1,214 @@
+#include "autocal_vio/initializer/structure_from_motion.h"
+
+#include <algorithm>
+#include <cmath>
+#include <sstream>
+
+#include "autocal_vio/initializer/known_rotation_structure.h"
+#include "autocal_vio/initializer/structure_bundle_adjustment.h"
+#include "autocal_vio/initializer/structure_tracks.h"
+
+namespace autocal_vio {
+namespace {
+
+using Eigen::Quaterniond;
+using Eigen::Vector3d;
+
+constexpr double kMinInverseDepth = 0.02;  // of landmarks at the start, in 1 / median depth
+
+double median(std::vector<double> values) {
+  if (values.empty()) return 0.0;
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+std::string checkInput(const std::vector<FeatureFrame>& keyframes, const std::vector<Quaterniond>& R_VC) {
+  std::ostringstream problem;
+  if (keyframes.size() < 3) problem << "structure needs at least 3 keyframes, has " << keyframes.size();
+  if (keyframes.size() != R_VC.size())
+    problem << keyframes.size() << " keyframes but " << R_VC.size() << " rotations";
+  for (std::size_t k = 0; k < R_VC.size(); ++k)
+    if (!R_VC[k].coeffs().allFinite()) problem << "the rotation of keyframe " << k << " is not finite";
+  return problem.str();
+}
+
+// Fewest landmarks that any keyframe sees; `keyframe`: which.
+int fewestObservations(const std::vector<StructureTrack>& tracks, std::size_t keyframes, int* keyframe) {
+  std::vector<int> count(keyframes, 0);
+  for (const StructureTrack& track : tracks)
+    for (const TrackObservation& observation : track.observations) ++count[observation.keyframe];
+  const auto fewest = std::min_element(count.begin(), count.end());
+  *keyframe = static_cast<int>(fewest - count.begin());
+  return *fewest;
+}
+
+std::string checkTracks(const std::vector<StructureTrack>& tracks, std::size_t keyframes,
+                        const StructureOptions& options) {
+  std::ostringstream problem;
+  int keyframe = 0;
+  if (static_cast<int>(tracks.size()) < options.min_landmarks) {
+    problem << "only " << tracks.size() << " tracks last over " << options.min_track_length
+            << " keyframes and fit";
+  } else if (fewestObservations(tracks, keyframes, &keyframe) < options.min_landmarks_per_keyframe) {
+    problem << "keyframe " << keyframe << " sees only " << fewestObservations(tracks, keyframes, &keyframe)
+            << " landmarks";
+  }
+  return problem.str();
+}
+
+// The linear solution as a start for the bundle adjustment, scaled to median depth 1.
+StructureProblem startProblem(const std::vector<StructureTrack>& tracks, const std::vector<Quaterniond>& R_VC,
+                              const KnownRotationStructure& linear) {
+  std::vector<double> depths;
+  for (std::size_t t = 0; t < tracks.size(); ++t) {
+    const int k = tracks[t].observations.front().keyframe;
+    depths.push_back(std::abs((R_VC[k].conjugate() * (linear.points[t] - linear.p_VC[k])).z()));
+  }
+  const double unit = median(depths);
+  StructureProblem problem;
+  problem.tracks = tracks;
+  for (std::size_t k = 0; k < R_VC.size(); ++k) {
+    const Vector3d p = linear.p_VC[k] / unit;
+    problem.poses.push_back({p.x(), p.y(), p.z(), R_VC[k].x(), R_VC[k].y(), R_VC[k].z(), R_VC[k].w()});
+  }
+  for (std::size_t t = 0; t < tracks.size(); ++t) {
+    // Anchored in the middle of the track: the ray there stands for the whole track best.
+    const TrackObservation& middle = tracks[t].observations[tracks[t].observations.size() / 2];
+    AnchoredLandmark landmark;
+    landmark.T_VA = problem.pose(middle.keyframe);
+    const double depth = (landmark.T_VA.inverse() * (linear.points[t] / unit).eval()).z();
+    const double rho = depth > 0.0 ? std::clamp(1.0 / depth, kMinInverseDepth, 1.0 / kMinInverseDepth) : 1.0;
+    landmark.alpha_beta_rho << middle.normalized, rho;
+    problem.landmarks.push_back(landmark);
+  }
+  return problem;
+}
+
+std::vector<double> allTrackRms(const StructureProblem& problem) {
+  std::vector<double> rms;
+  for (std::size_t t = 0; t < problem.tracks.size(); ++t) rms.push_back(trackRmsPx(problem, t));
+  return rms;
+}
+
+// Drops tracks with a larger rms error than `limit_px` or with a point at or beyond infinity.
+void dropOutliers(double limit_px, StructureProblem* problem) {
+  StructureProblem kept;
+  kept.poses = problem->poses;
+  for (std::size_t t = 0; t < problem->tracks.size(); ++t) {
+    if (!(trackRmsPx(*problem, t) <= limit_px) || !(problem->landmarks[t].alpha_beta_rho.z() > 0.0)) continue;
+    kept.tracks.push_back(problem->tracks[t]);
+    kept.landmarks.push_back(problem->landmarks[t]);
+  }
+  *problem = std::move(kept);
+}
+
+double totalRms(const StructureProblem& problem) {
+  double squared = 0.0, count = 0.0;
+  for (std::size_t t = 0; t < problem.tracks.size(); ++t) {
+    const double n = static_cast<double>(problem.tracks[t].observations.size());
+    squared += n * std::pow(trackRmsPx(problem, t), 2);
+    count += n;
+  }
+  return count > 0.0 ? std::sqrt(squared / count) : 0.0;
+}
+
+// Two rounds: all tracks with a loss as wide as the start needs, then without the outliers.
+std::string adjust(const StructureOptions& options, StructureProblem* problem, StructureResult* result) {
+  const std::size_t keyframes = problem->poses.size();
+  const double start_error = median(allTrackRms(*problem));
+  const double wide_px = std::isfinite(start_error) ? std::max(options.robust_px, 0.5 * start_error) : 10.0;
+  const int first = adjustStructure(wide_px, options.max_iterations, problem);
+  if (first < 0) return "the bundle adjustment failed";
+  const double spread = median(allTrackRms(*problem));
+  dropOutliers(std::max(options.outlier_px, 4.0 * spread), problem);
+  std::string failure = checkTracks(problem->tracks, keyframes, options);
+  if (!failure.empty()) return failure;
+  const int second = adjustStructure(options.robust_px, options.max_iterations, problem);
+  if (second < 0) return "the bundle adjustment failed";
+  dropOutliers(options.outlier_px, problem);
+  result->iterations = first + second;
+  failure = checkTracks(problem->tracks, keyframes, options);
+  if (!failure.empty()) return failure;
+  result->rms_px = totalRms(*problem);
+  if (result->rms_px <= options.max_rms_px) return std::string();
+  std::ostringstream reason;
+  reason << "the structure does not fit the tracks: " << result->rms_px << " px";
+  return reason.str();
+}
+
+// Median depth of the landmarks that the first keyframe sees; of all in their first keyframes where those are few.
+double medianDepth(const StructureProblem& problem) {
+  constexpr std::size_t kEnough = 8;
+  std::vector<double> first, all;
+  for (std::size_t t = 0; t < problem.tracks.size(); ++t) {
+    const int k = problem.tracks[t].observations.front().keyframe;
+    all.push_back((problem.pose(k).inverse() * problem.landmarks[t].point()).z());
+    if (k == 0) first.push_back(all.back());
+  }
+  return median(first.size() >= kEnough ? first : all);
+}
+
+void fillResult(const StructureProblem& problem, StructureResult* result) {
+  const double unit = medianDepth(problem);
+  if (!(unit > 0.0) || !std::isfinite(unit)) {
+    result->failure = "the structure has no depth";
+    return;
+  }
+  const int n = static_cast<int>(problem.poses.size());
+  const Transform T_0V = problem.pose(0).inverse();
+  for (int k = 0; k < n; ++k) {
+    Transform T_VC = T_0V * problem.pose(k);
+    T_VC.translation /= unit;
+    if (!T_VC.isFinite()) result->failure = "the structure is not finite";
+    result->T_VC.push_back(T_VC);
+  }
+  for (std::size_t t = 0; t < problem.tracks.size(); ++t)
+    result->landmarks.push_back(
+        StructureLandmark{problem.tracks[t].id, (T_0V * problem.landmarks[t].point()) / unit});
+  result->pose_covariance = structurePoseCovariance(problem, result->rms_px);
+  if (result->pose_covariance.size() == 0) {
+    result->failure = "the tracks do not tie the keyframes together";
+    return;
+  }
+  Eigen::VectorXd scale(6 * n);
+  for (int k = 0; k < n; ++k) scale.segment<6>(6 * k) << Vector3d::Constant(1.0 / unit), Vector3d::Ones();
+  result->pose_covariance = (scale.asDiagonal() * result->pose_covariance * scale.asDiagonal()).eval();
+}
+
+}  // namespace
+
+StructureResult structureFromMotion(const std::vector<FeatureFrame>& keyframes,
+                                    const std::vector<Quaterniond>& R_VC, const StructureOptions& options) {
+  StructureResult result;
+  result.failure = checkInput(keyframes, R_VC);
+  if (!result.ok()) return result;
+  const std::vector<StructureTrack> tracks =
+      selectTracks(keyframes, options.min_track_length, options.features_per_keyframe);
+  result.tracks_used = static_cast<int>(tracks.size());
+  result.failure = checkTracks(tracks, keyframes.size(), options);
+  if (!result.ok()) return result;
+
+  std::vector<Quaterniond> R_0C;
+  for (const Quaterniond& rotation : R_VC) R_0C.push_back((R_VC[0].conjugate() * rotation).normalized());
+  result.parallax_px = translationalParallaxPx(keyframes, R_0C);
+  if (result.parallax_px < options.min_parallax_px) {
+    std::ostringstream reason;
+    reason << "the camera has not translated enough: parallax " << result.parallax_px << " px, needs "
+           << options.min_parallax_px << " px";
+    result.failure = reason.str();
+    return result;
+  }
+  const KnownRotationStructure linear = solveKnownRotations(tracks, R_0C);
+  if (!linear.ok) {
+    result.failure = "the camera positions are not determined by the tracks";
+    return result;
+  }
+  StructureProblem problem = startProblem(tracks, R_0C, linear);
+  result.failure = adjust(options, &problem, &result);
+  result.tracks_dropped = result.tracks_used - static_cast<int>(problem.tracks.size());
+  if (result.ok()) fillResult(problem, &result);
+  return result;
+}
+
+}  // namespace autocal_vio
