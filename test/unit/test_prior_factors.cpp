@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "autocal_vio/factors/manifolds.h"
@@ -131,25 +132,37 @@ TEST(DiagonalPriorFactor, EqualsItsTwin) {
   }
 }
 
-TEST(InverseDepthPriorFactor, SeesTheInverseDepthOnly) {
+// The wall against points behind the anchor: sigma [1/m].
+constexpr double kBehindSigma = 0.02;
+
+TEST(InverseDepthPriorFactor, EqualsItsTwin) {
   RandomStates random(7);
-  for (int n = 0; n < 50; ++n) {
+  for (int n = 0; n < 100; ++n) {
+    SCOPED_TRACE(n);
     const double mean = random.uniform(0.0, 1.0), sigma = random.uniform(0.1, 3.0);
-    const Vector3d landmark(random.normal(), random.normal(), random.uniform(-0.1, 3.0));
+    const Vector3d landmark(random.normal(), random.normal(), random.uniform(n % 2 == 0 ? -0.1 : 0.01, 3.0));
     const auto twin = [&](const auto& delta) {
       using T = typename std::decay_t<decltype(delta)>::Scalar;
-      return Eigen::Matrix<T, 1, 1>((T(landmark(2)) + delta(2) - T(mean)) / T(sigma));
+      const T rho = T(landmark(2)) + delta(2);
+      using std::min;
+      return Eigen::Matrix<T, 2, 1>((rho - T(mean)) / T(sigma), min(rho, T(0.0)) / T(kBehindSigma));
     };
     const std::vector<Block> blocks = {{landmark, nullptr}};
-    test::expectEqualsTwin<1, 3>(InverseDepthPriorFactor(mean, sigma), blocks, twin);
-    test::expectPassesGradientChecker(InverseDepthPriorFactor(mean, sigma), blocks);
+    test::expectEqualsTwin<2, 3>(InverseDepthPriorFactor(mean, sigma), blocks, twin);
+    if (std::abs(landmark(2)) > 0.01)  // differences must not cross the wall's edge
+      test::expectPassesGradientChecker(InverseDepthPriorFactor(mean, sigma), blocks);
     test::expectOptionalJacobians(InverseDepthPriorFactor(mean, sigma), blocks);
   }
 }
 
-TEST(InverseDepthPriorFactor, HandValue) {
-  const std::vector<Block> blocks = {{Vector3d(5.0, -5.0, 0.7), nullptr}};
-  EXPECT_NEAR(test::evaluate(InverseDepthPriorFactor(0.2, 0.25), blocks).residual(0), 2.0, 1e-14);
+TEST(InverseDepthPriorFactor, HandValues) {
+  const auto residualAt = [](double rho) {
+    const std::vector<Block> blocks = {{Vector3d(5.0, -5.0, rho), nullptr}};
+    return test::evaluate(InverseDepthPriorFactor(0.2, 0.25), blocks).residual;
+  };
+  EXPECT_LT((residualAt(0.7) - Eigen::Vector2d(2.0, 0.0)).norm(), 1e-14);
+  EXPECT_LT((residualAt(0.0) - Eigen::Vector2d(-0.8, 0.0)).norm(), 1e-14);  // the wall begins without a step
+  EXPECT_LT((residualAt(-0.05) - Eigen::Vector2d(-1.0, -0.05 / kBehindSigma)).norm(), 1e-14);
 }
 
 }  // namespace
