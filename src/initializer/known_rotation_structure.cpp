@@ -1,6 +1,7 @@
 #include "autocal_vio/initializer/known_rotation_structure.h"
 
 #include <Eigen/Cholesky>
+#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 
@@ -13,10 +14,10 @@ using Eigen::Quaterniond;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
-constexpr int kRounds = 8;                // of reweighting
-constexpr int kPowerIterations = 12;      // of the inverse iteration, each round starts from the last
-constexpr double kAngleFloor = 1.0e-3;    // below this residual all observations weigh the same [rad]
-constexpr double kRegularization = 1e-9;  // holds points whose rays are parallel
+// Prior of each point's distance from the middle camera of its track: 1, with these weights in the rounds of
+// reweighting. A distance uncertain by 100 % against rays uncertain by a degree is the first.
+constexpr double kDistanceWeights[] = {3e-4, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 1e-6};
+constexpr double kAngleFloor = 1.0e-3;  // below this residual all observations weigh the same [rad]
 
 struct Ray {
   int keyframe;
@@ -40,18 +41,15 @@ class Solver {
       weights_.emplace_back(rays.size(), 1.0);
     }
     points_.resize(tracks.size(), Vector3d::Zero());
-    // Any start that is not orthogonal to the solution will do; this one is reproducible.
     positions_ = VectorXd::Zero(3 * cameras_);
-    for (int i = 3; i < 3 * cameras_; ++i) positions_(i) = 1.0 + 0.37 * std::sin(1.7 * i);
   }
 
   bool solve() {
-    for (int round = 0; round < kRounds; ++round) {
-      if (!smallestEigenvector(reducedMatrix())) return false;
-      triangulate();
+    for (const double distance_weight : kDistanceWeights) {
+      if (!solvePositions(distance_weight)) return false;
+      triangulate(distance_weight);
       reweight();
     }
-    chooseSign();
     return true;
   }
 
@@ -64,60 +62,64 @@ class Solver {
   }
 
  private:
-  // Sum of the weighted projectors of a track; its inverse gives the point.
-  Eigen::LDLT<Matrix3d> pointMatrix(std::size_t track) const {
-    Matrix3d A = Matrix3d::Zero();
-    for (std::size_t i = 0; i < rays_[track].size(); ++i)
-      A += weights_[track][i] * projector(rays_[track][i]);
-    return (A + kRegularization * A.trace() * Matrix3d::Identity()).ldlt();
+  static bool isMiddle(const std::vector<Ray>& rays, std::size_t i) { return i == rays.size() / 2; }
+
+  // Weight matrix of X - p of one observation: across the ray, and along it where the distance prior stands.
+  Matrix3d weightMatrix(std::size_t track, std::size_t i, double distance_weight) const {
+    const std::vector<Ray>& rays = rays_[track];
+    const Matrix3d along = rays[i].direction * rays[i].direction.transpose();
+    const Matrix3d across = weights_[track][i] * (Matrix3d::Identity() - along);
+    return isMiddle(rays, i) ? Matrix3d(across + distance_weight * along) : across;
   }
 
-  // Quadratic form of the positions once every point is where it is best, without the first camera.
-  MatrixXd reducedMatrix() const {
-    MatrixXd Q = MatrixXd::Zero(3 * cameras_, 3 * cameras_);
-    std::vector<Matrix3d> M, A_inverse_M;
+  // Right-hand side of the distance prior of a track.
+  Vector3d priorVector(std::size_t track, double distance_weight) const {
+    return distance_weight * rays_[track][rays_[track].size() / 2].direction;
+  }
+
+  // Normal equations of the positions once every point is where it is best for them; the first camera stays at zero.
+  bool solvePositions(double distance_weight) {
+    MatrixXd H = MatrixXd::Zero(3 * cameras_, 3 * cameras_);  // lower triangle
+    VectorXd g = VectorXd::Zero(3 * cameras_);
+    std::vector<Matrix3d> B, A_inverse_B;
     for (std::size_t track = 0; track < rays_.size(); ++track) {
       const std::vector<Ray>& rays = rays_[track];
-      const Eigen::LDLT<Matrix3d> A = pointMatrix(track);
-      M.clear();
-      A_inverse_M.clear();
+      Matrix3d A = Matrix3d::Zero();
+      B.clear();
+      A_inverse_B.clear();
       for (std::size_t i = 0; i < rays.size(); ++i) {
-        M.push_back(weights_[track][i] * projector(rays[i]));
-        A_inverse_M.push_back(A.solve(M.back()));
+        B.push_back(weightMatrix(track, i, distance_weight));
+        A += B.back();
       }
+      const Matrix3d A_inverse = A.inverse();
+      const Vector3d prior = priorVector(track, distance_weight);
       for (std::size_t i = 0; i < rays.size(); ++i) {
+        A_inverse_B.push_back(A_inverse * B[i]);
         const int row = 3 * rays[i].keyframe;
-        Q.block<3, 3>(row, row) += M[i];
+        g.segment<3>(row) += A_inverse_B[i].transpose() * prior;
+        if (isMiddle(rays, i)) g.segment<3>(row) -= prior;
+        H.block<3, 3>(row, row) += B[i];
         for (std::size_t j = 0; j <= i; ++j)
-          Q.block<3, 3>(row, 3 * rays[j].keyframe) -= M[i] * A_inverse_M[j];
+          H.block<3, 3>(row, 3 * rays[j].keyframe) -= B[i] * A_inverse_B[j];
       }
     }
-    return Q.bottomRightCorner(3 * (cameras_ - 1), 3 * (cameras_ - 1));  // lower triangle
-  }
-
-  bool smallestEigenvector(MatrixXd Q) {
-    Q.diagonal().array() += 1e-12 * Q.trace() / static_cast<double>(Q.rows());
-    const Eigen::LLT<MatrixXd> llt(Q);  // reads the lower triangle
+    const int unknowns = 3 * (cameras_ - 1);
+    const Eigen::LLT<MatrixXd> llt(H.bottomRightCorner(unknowns, unknowns));
     if (llt.info() != Eigen::Success) return false;
-    VectorXd x = positions_.tail(Q.rows());
-    for (int i = 0; i < kPowerIterations; ++i) {
-      x = llt.solve(x);
-      const double norm = x.norm();
-      if (!(norm > 0.0) || !std::isfinite(norm)) return false;
-      x /= norm;
-    }
-    positions_.tail(Q.rows()) = x;
-    return true;
+    positions_.tail(unknowns) = llt.solve(g.tail(unknowns));
+    return positions_.allFinite();
   }
 
-  void triangulate() {
+  void triangulate(double distance_weight) {
     for (std::size_t track = 0; track < rays_.size(); ++track) {
-      Vector3d b = Vector3d::Zero();
+      Matrix3d A = Matrix3d::Zero();
+      Vector3d b = priorVector(track, distance_weight);
       for (std::size_t i = 0; i < rays_[track].size(); ++i) {
-        const Ray& ray = rays_[track][i];
-        b += weights_[track][i] * (projector(ray) * positions_.segment<3>(3 * ray.keyframe));
+        const Matrix3d B = weightMatrix(track, i, distance_weight);
+        A += B;
+        b += B * positions_.segment<3>(3 * rays_[track][i].keyframe);
       }
-      points_[track] = pointMatrix(track).solve(b);
+      points_[track] = A.inverse() * b;
     }
   }
 
@@ -141,17 +143,6 @@ class Solver {
         weights_[track][i] = 1.0 / (d * d * std::max(1.0, angle / kAngleFloor));
       }
     }
-  }
-
-  void chooseSign() {
-    int front = 0, behind = 0;
-    for (std::size_t track = 0; track < rays_.size(); ++track)
-      for (const Ray& ray : rays_[track])
-        ++(ray.direction.dot(points_[track] - positions_.segment<3>(3 * ray.keyframe)) > 0.0 ? front
-                                                                                             : behind);
-    if (front >= behind) return;
-    positions_ = -positions_;
-    for (Vector3d& point : points_) point = -point;
   }
 
   int cameras_;

@@ -15,10 +15,11 @@ struct KnownRotationStructure {
   std::vector<Eigen::Vector3d> points;  ///< one per track, in V
 };
 
-/// Minimises the distances between rays and points, sum w |(I - r r^T) (X - p)|^2 with r = R_VC bearing: the points are
-/// eliminated, the positions are the eigenvector of the smallest eigenvalue of what is left. Reweighted towards the sum
-/// of the absolute angles, so that a minority of wrong tracks and the nearness of some points do not pull. The sign is
-/// the one that puts most points in front of their cameras.
+/// Minimises the distances between rays and points, sum w |(I - r r^T) (X - p)|^2 with r = R_VC bearing, over all
+/// points X (eliminated) and positions p at once. A weak prior that puts every point at distance 1 from the middle camera
+/// of its track sets the scale and the sign, and keeps parts of the trajectory that few tracks tie together from shrinking
+/// to nothing when the rotations are a degree off; it fades from round to round. Reweighted towards the sum of the
+/// absolute angles, so that a minority of wrong tracks does not pull. A start for a bundle adjustment, not exact.
 KnownRotationStructure solveKnownRotations(const std::vector<StructureTrack>& tracks,
                                            const std::vector<Eigen::Quaterniond>& R_VC);
 
