@@ -80,6 +80,7 @@ struct Case {
   TwinFrame i, j;
 };
 
+// docs/derivation.md (D14)-(D18).
 TEST(ImuFactor, EqualsItsTwin) {
   RandomStates random(1);
   for (int n = 0; n < 8 * kAngleCount; ++n) {

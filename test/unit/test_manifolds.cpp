@@ -83,6 +83,7 @@ TEST(PoseManifold, AddsPositionsInTheWorld) {
   EXPECT_LT((y.tail<4>() - x.tail<4>()).norm(), 1e-15);
 }
 
+// docs/derivation.md (D5), (D6).
 TEST(Manifolds, RotationByQuaternionInvertsQuaternionByRotation) {
   RandomStates random(5);
   for (int i = 0; i < 20; ++i) {

@@ -63,6 +63,7 @@ TEST(AnalyticMotion, DerivativesAgree) {
   }
 }
 
+// docs/derivation.md (D7)-(D10).
 TEST(Preintegration, FollowsAClosedFormMotion) {
   const Vector3d at_200_hz = largestErrors(5 * kMs), at_1000_hz = largestErrors(kMs);
   EXPECT_LT(at_200_hz(0), 5e-5) << "position [m] after 0.5 s";
@@ -141,6 +142,7 @@ TEST(Preintegration, UnevenSamplesAndEmptyIntervals) {
   }
 }
 
+// docs/derivation.md (D11), (D12).
 TEST(Preintegration, BiasJacobiansAgainstIntegratingAgain) {
   const AnalyticMotion motion;
   for (const TimeNs period : {5 * kMs, kMs}) {
@@ -294,6 +296,7 @@ void expectConsistent(const ImuNoise& noise, TimeNs duration, TimeNs period, int
   EXPECT_NEAR(predicted.ldlt().solve(moments).trace() / 9.0, 1.0, 0.03);
 }
 
+// docs/derivation.md (D13).
 TEST(PreintegrationCovariance, AgreesWithMonteCarlo) {
   expectConsistent(ImuNoise(), 250 * kMs, 5 * kMs, 2500);
 }

@@ -45,6 +45,7 @@ std::vector<Block> poseBlocks(const Transform& T_WB) {
   return {pose};
 }
 
+// docs/derivation.md (D30).
 TEST(ExtrinsicPriorFactor, EqualsItsTwin) {
   RandomStates random(1);
   for (int n = 0; n < 5 * kAngleCount; ++n) {
@@ -66,6 +67,7 @@ TEST(ExtrinsicPriorFactor, PassesGradientChecker) {
   }
 }
 
+// docs/derivation.md (D30).
 TEST(PosePriorFactor, EqualsItsTwin) {
   RandomStates random(3);
   for (int n = 0; n < 5 * kAngleCount; ++n) {
@@ -106,6 +108,7 @@ TEST(TransformPriors, HandValues) {
   EXPECT_LT((test::evaluate(pose, poseBlocks(opposite)).residual - expected).norm(), 1e-13);
 }
 
+// docs/derivation.md (D31).
 TEST(DiagonalPriorFactor, ComponentByComponent) {
   const Vector3d mean(1.0, 2.0, 3.0), sigma(0.1, 0.5, 2.0);
   const DiagonalPriorFactor<3> factor(mean, sigma);
@@ -135,6 +138,7 @@ TEST(DiagonalPriorFactor, EqualsItsTwin) {
 // The wall against points behind the anchor: sigma [1/m].
 constexpr double kBehindSigma = 0.02;
 
+// docs/derivation.md (D32).
 TEST(InverseDepthPriorFactor, EqualsItsTwin) {
   RandomStates random(7);
   for (int n = 0; n < 100; ++n) {

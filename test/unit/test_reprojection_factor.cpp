@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "autocal_vio/factors/manifolds.h"
+#include "autocal_vio/geometry/so3.h"
 #include "autodiff_twins.h"
 #include "factor_checks.h"
 #include "random_states.h"
@@ -65,6 +66,7 @@ ReprojectionTwin randomState(RandomStates* random, double rho) {
 const double kInverseDepths[] = {1e-3, -1e-3, 3e-3, -5e-3, 0.01, 0.05, 0.2, 0.5, 1.0, 2.0, 3.0};
 constexpr int kDepthCount = 11;
 
+// docs/derivation.md (D19)-(D29).
 TEST(ReprojectionFactor, EqualsItsTwin) {
   RandomStates random(1);
   for (int n = 0; n < 10 * kDepthCount; ++n) {
@@ -206,6 +208,35 @@ TEST(ReprojectionFactor, HandValuesOfTheJacobian) {
   EXPECT_NEAR(J(0, kAlphaBeta), -400.0, 1e-12);
   EXPECT_NEAR(J(1, kAlphaBeta + 1), -400.0, 1e-12);
   EXPECT_NEAR(J(0, kRho), 0.0, 1e-12);  // no parallax seen from the anchor itself
+}
+
+// The paper's Jacobians by the extrinsics, Eq. (23)-(25), typed as printed; they are by perturbations of R_CB and
+// p^C_B (docs/derivation.md, D34).
+TEST(ReprojectionFactor, AgreesWithThePapersJacobians) {
+  RandomStates random(6);
+  for (int n = 0; n < 5 * kDepthCount; ++n) {
+    ReprojectionTwin s = randomState(&random, kInverseDepths[n % kDepthCount]);
+    s.td = s.measurement.reference_td;
+    s.measurement.sqrt_information =
+        Vector2d(458.0, 457.0).asDiagonal();  // f_x, f_y; one pixel of uncertainty
+    const Eigen::MatrixXd J = test::evaluate(ReprojectionFactor(s.measurement), blocksOf(s)).tangent_jacobian;
+
+    const Eigen::Matrix3d R_CB = s.T_BC.inverse().rotationMatrix(), R_WB = s.T_WB.rotationMatrix();
+    const Vector3d p_CB = s.T_BC.inverse().translation;  // the paper's p^C_B
+    const Vector3d point_A = Vector3d(s.landmark.x(), s.landmark.y(), 1.0) / s.landmark(2);
+    const Vector3d l_W = s.measurement.T_WA * point_A;
+    const Vector3d rotated = R_CB * R_WB.transpose() * (l_W - s.T_WB.translation), l_C = rotated + p_CB;
+    Eigen::Matrix<double, 2, 3> projection;
+    projection << 458.0 / l_C.z(), 0.0, -458.0 * l_C.x() / (l_C.z() * l_C.z()), 0.0, 457.0 / l_C.z(),
+        -457.0 * l_C.y() / (l_C.z() * l_C.z());
+    const Eigen::Matrix<double, 2, 3> by_translation = -projection * R_CB;              // Eq. (24)
+    const Eigen::Matrix<double, 2, 3> by_rotation = projection * skew(rotated) * R_CB;  // Eq. (25)
+
+    const Eigen::Matrix<double, 2, 3> J_theta = J.middleCols<3>(kThetaBC), J_p = J.middleCols<3>(kPositionBC);
+    EXPECT_LT((J_p + by_translation).norm(), 1e-8 * by_translation.norm());
+    const Eigen::Matrix<double, 2, 3> ours = -J_theta * R_CB + J_p * skew(s.T_BC.translation);
+    EXPECT_LT((ours - by_rotation).norm(), 1e-8 * by_rotation.norm());
+  }
 }
 
 TEST(ReprojectionFactor, NearerLandmarksMoveMore) {

@@ -27,6 +27,7 @@ TEST(So3, SkewIsTheCrossProduct) {
   EXPECT_EQ(skew(v).transpose(), -skew(v));
 }
 
+// docs/derivation.md (D1).
 TEST(So3, ExpAgreesWithAngleAxis) {
   RandomStates random(2);
   for (const double angle : kAngles) {
@@ -81,6 +82,7 @@ TEST(So3, LogOfMatrix) {
   }
 }
 
+// docs/derivation.md (D2).
 TEST(So3, Composition) {
   RandomStates random(7);
   for (int i = 0; i < 50; ++i) {
@@ -109,6 +111,7 @@ TEST(So3, ExpAndLogHaveDerivativesAtZero) {
   EXPECT_EQ(q.w().v.norm(), 0.0);
 }
 
+// docs/derivation.md (D3).
 TEST(So3, RightJacobianAgainstDifferences) {
   RandomStates random(8);
   for (const double angle : kAngles) {
@@ -120,6 +123,7 @@ TEST(So3, RightJacobianAgainstDifferences) {
   }
 }
 
+// docs/derivation.md (D4).
 TEST(So3, RightJacobianInverseAgainstDifferences) {
   RandomStates random(9);
   for (const double angle : kAngles) {
