@@ -1,0 +1,122 @@
+#!/usr/bin/python3
+"""Status from the first image on; bad messages are dropped, counted and named; silent topics are named."""
+import math
+import unittest
+
+import rospy
+import rostest
+from diagnostic_msgs.msg import DiagnosticArray
+
+from autocal_vio.msg import CalibrationStatus
+
+from ros_test_support import Collector, RosoutCollector, Sensors, image_message, imu_message, wait_for
+
+STATES = ('waiting_for_data', 'calibrating_rotation', 'calibrating_translation', 'estimating', 'converged', 'frozen',
+          'lost')
+
+
+class BadInput(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.log = RosoutCollector()
+        cls.statuses = Collector('/vio/calibration_status', CalibrationStatus)
+        cls.diagnostics = Collector('/diagnostics', DiagnosticArray)
+        cls.sensors = Sensors(images=False, imu=False)
+        assert wait_for(lambda: cls.sensors.image_publisher.get_num_connections() > 0 and
+                        cls.sensors.imu_publisher.get_num_connections() > 0, 20.0)
+
+    def test_1_silence_is_named_before_anything_came(self):
+        status = self.statuses.wait(lambda s: '/imu0' in s.reason and '/cam0/image_raw' in s.reason)
+        self.assertIsNotNone(status)
+        self.assertEqual(status.state, 'waiting_for_data')
+
+    def test_2_status_comes_with_the_first_image(self):
+        self.statuses.clear()
+        stamp = rospy.Time.now()
+        self.sensors.image_publisher.publish(image_message(stamp))
+        status = self.statuses.wait(lambda s: s.header.stamp == stamp)
+        self.assertIsNotNone(status, 'no status for an image without IMU')
+        self.assertIn('/imu0', status.reason)
+
+    def test_3_every_image_has_its_status(self):
+        self.sensors.imu = True
+        rospy.sleep(0.3)
+        self.sensors.images = True
+        self.statuses.clear()
+        first = self.statuses.wait(lambda s: s.images_processed > 0)
+        self.assertIsNotNone(first)
+        sent = self.sensors.images_sent
+        rospy.sleep(3.0)
+        count = self.sensors.images_sent - sent
+        stamps = {s.header.stamp.to_nsec() for s in self.statuses.messages()}
+        self.assertGreater(len(stamps), 0.8 * count)
+        for status in self.statuses.messages():
+            self.assertIn(status.state, STATES)
+            self.assertEqual(status.header.frame_id, 'imu0')
+
+    def refused_image(self, message, expected):
+        dropped = self.statuses.last().images_dropped
+        self.sensors.image_publisher.publish(message)
+        self.assertIsNotNone(self.statuses.wait(lambda s: s.images_dropped > dropped), 'not counted')
+        self.assertTrue(self.log.has(expected), 'no warning with ' + expected)
+        self.assert_alive()
+
+    def refused_imu(self, message, expected):
+        dropped = self.statuses.last().imu_dropped
+        self.sensors.imu_publisher.publish(message)
+        self.assertIsNotNone(self.statuses.wait(lambda s: s.imu_dropped > dropped), 'not counted')
+        self.assertTrue(self.log.has(expected), 'no warning with ' + expected)
+        self.assert_alive()
+
+    def assert_alive(self):
+        processed = self.statuses.last().images_processed
+        self.assertIsNotNone(self.statuses.wait(lambda s: s.images_processed > processed + 2), 'no longer processing')
+
+    def test_4_bad_images(self):
+        self.refused_image(image_message(rospy.Time.now(), encoding='32FC1'), '32FC1')
+        self.refused_image(image_message(rospy.Time.now(), width=320, height=240), '320x240')
+        self.refused_image(image_message(rospy.Time(0)), 'stamp is zero')
+        self.refused_image(image_message(rospy.Time.now() - rospy.Duration(0.3)), '/cam0/image_raw')
+        empty = image_message(rospy.Time.now())
+        empty.data = b''
+        self.refused_image(empty, 'data')
+
+    def test_5_bad_imu(self):
+        bad = imu_message(rospy.Time.now())
+        bad.angular_velocity.y = math.nan
+        self.refused_imu(bad, 'angular_velocity is not finite')
+        bad = imu_message(rospy.Time.now())
+        bad.linear_acceleration.x = math.inf
+        self.refused_imu(bad, 'linear_acceleration is not finite')
+        bad = imu_message(rospy.Time.now())
+        bad.angular_velocity_covariance[0] = -1.0
+        self.refused_imu(bad, 'angular_velocity_covariance')
+        self.refused_imu(imu_message(rospy.Time.now() - rospy.Duration(0.2)), '/imu0')
+        self.refused_imu(imu_message(rospy.Time.now() + rospy.Duration(1e6)), 'far ahead')
+
+    def test_6_silent_imu(self):
+        self.sensors.imu = False
+        self.statuses.clear()
+        self.assertIsNotNone(self.statuses.wait(lambda s: 'IMU message on /imu0 for' in s.reason, 4.0))
+        self.diagnostics.clear()
+        self.assertIsNotNone(self.diagnostics.wait(lambda d: any('/imu0' in s.message and s.level == 2 for s in d.status)))
+        self.sensors.imu = True
+        self.assert_alive()
+
+    def test_7_silent_camera(self):
+        self.sensors.images = False
+        self.statuses.clear()
+        self.assertIsNotNone(self.statuses.wait(lambda s: 'image on /cam0/image_raw for' in s.reason, 4.0))
+        self.sensors.images = True
+        self.assert_alive()
+
+    def test_8_all_numbers_are_finite(self):
+        for status in self.statuses.messages():
+            values = list(status.T_imu_cam_covariance) + list(status.sigma_rotation) + list(status.sigma_translation)
+            values += [status.time_offset, status.sigma_time_offset, status.scale, status.sigma_scale]
+            self.assertTrue(all(math.isfinite(v) for v in values))
+
+
+if __name__ == '__main__':
+    rospy.init_node('test_bad_input')
+    rostest.rosrun('autocal_vio', 'test_bad_input', BadInput)

@@ -1,0 +1,69 @@
+#!/usr/bin/python3
+"""Wrong parameters: refused with words, everything at once; the manager and its other nodelets live on."""
+import unittest
+
+import rospy
+import rostest
+
+from autocal_vio.msg import CalibrationStatus
+
+from ros_test_support import Collector, RosoutCollector, Sensors, load_nodelet, nodelets_of, set_parameters
+
+MANAGER = '/manager'
+
+
+class BadParameters(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.rig_file = rospy.get_param('/rig_file')
+        cls.log = RosoutCollector()
+        cls.sensors = Sensors()
+        set_parameters('/neighbour', rig_file=cls.rig_file)
+        assert load_nodelet(MANAGER, '/neighbour')
+        cls.neighbour = Collector('/neighbour/calibration_status', CalibrationStatus)
+
+    def refuse(self, expected, **parameters):
+        """The nodelet must refuse to start and log every text of `expected`."""
+        self.log.clear()
+        set_parameters('/bad', **parameters)
+        self.assertFalse(load_nodelet(MANAGER, '/bad'))
+        self.assertNotIn('/bad', nodelets_of(MANAGER))
+        refusal = self.log.wait(lambda log: 'refusing to start' in log.msg or expected[0] in log.msg)
+        self.assertIsNotNone(refusal, 'no refusal was logged')
+        for text in expected:
+            self.assertIn(text, refusal.msg)
+        self.neighbour.clear()
+        self.assertIsNotNone(self.neighbour.wait(lambda s: s.images_processed > 0), 'the neighbour has died')
+
+    def test_no_rig_file(self):
+        self.refuse(['rig_file', 'not set'])
+
+    def test_missing_file(self):
+        self.refuse(['/nowhere/rig.yaml'], rig_file='/nowhere/rig.yaml')
+
+    def test_file_that_is_no_rig(self):
+        self.refuse(['cam0', 'imu0'], rig_file=rospy.get_param('/estimator_file'))
+
+    def test_bad_estimator_file(self):
+        self.refuse([self.rig_file], rig_file=self.rig_file, estimator_file=self.rig_file)
+
+    def test_everything_wrong_at_once(self):
+        self.refuse(['rig_file', 'queue_size', 'publish_odom_tf', 'path_length', 'odom_frame', 'misspelt'],
+                    queue_size=0, publish_odom_tf='yes', path_length='long', odom_frame='imu', imu_frame='imu',
+                    misspelt=1)
+
+    def test_unknown_transport(self):
+        self.refuse(['pigeon'], rig_file=self.rig_file, image_transport='pigeon')
+
+    def test_nothing_to_hold(self):
+        self.refuse(['fix_extrinsics'], rig_file=self.rig_file, fix_extrinsics=True)
+
+    def test_unknown_parameters_are_reported(self):
+        set_parameters('/misspelt', rig_file=self.rig_file, ques_size=5)
+        self.assertTrue(load_nodelet(MANAGER, '/misspelt'))
+        self.assertTrue(self.log.has('unknown parameter /misspelt/ques_size; did you mean ~queue_size?'))
+
+
+if __name__ == '__main__':
+    rospy.init_node('test_bad_parameters')
+    rostest.rosrun('autocal_vio', 'test_bad_parameters', BadParameters)
