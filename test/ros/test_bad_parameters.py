@@ -42,7 +42,7 @@ class BadParameters(unittest.TestCase):
         self.refuse(['/nowhere/rig.yaml'], rig_file='/nowhere/rig.yaml')
 
     def test_file_that_is_no_rig(self):
-        self.refuse(['cam0', 'imu0'], rig_file=rospy.get_param('/estimator_file'))
+        self.refuse(['tracker', 'initializer'], rig_file=rospy.get_param('/estimator_file'))
 
     def test_bad_estimator_file(self):
         self.refuse([self.rig_file], rig_file=self.rig_file, estimator_file=self.rig_file)
