@@ -50,7 +50,7 @@ TimeNs parseSeconds(const std::string& text) {
   return whole * kNsPerSecond + std::stoll(fraction);
 }
 
-TimedPose parseLine(std::string line) {
+TimedPose parsePose(std::string line) {
   const bool euroc = line.find(',') != std::string::npos;
   std::replace(line.begin(), line.end(), ',', ' ');
   std::istringstream stream(line);
@@ -67,6 +67,37 @@ TimedPose parseLine(std::string line) {
   return pose;
 }
 
+ImuSample parseImuSample(std::string line) {
+  std::replace(line.begin(), line.end(), ',', ' ');
+  std::istringstream stream(line);
+  ImuSample sample;
+  Eigen::Vector3d& w = sample.angular_velocity;
+  Eigen::Vector3d& a = sample.acceleration;
+  stream >> sample.stamp >> w.x() >> w.y() >> w.z() >> a.x() >> a.y() >> a.z();
+  if (!stream) throw std::invalid_argument("fewer than 7 numbers");
+  return sample;
+}
+
+// Every line that is neither empty nor a comment, parsed.
+template <class Parse>
+auto readLines(const std::string& path, const char* what, const Parse& parse) {
+  std::ifstream file(path);
+  if (!file) throw std::invalid_argument("cannot read " + path);
+  std::vector<decltype(parse(std::string()))> values;
+  std::string line;
+  for (int number = 1; std::getline(file, line); ++number) {
+    const std::size_t first = line.find_first_not_of(" \t\r");
+    if (first == std::string::npos || line[first] == '#') continue;
+    try {
+      values.push_back(parse(line));
+    } catch (const std::exception& problem) {
+      throw std::invalid_argument(path + ":" + std::to_string(number) + ": no " + what + " (" +
+                                  problem.what() + ")");
+    }
+  }
+  return values;
+}
+
 double medianInterval(const std::vector<TimedPose>& poses) {
   std::vector<TimeNs> intervals;
   for (std::size_t i = 1; i < poses.size(); ++i) intervals.push_back(poses[i].stamp - poses[i - 1].stamp);
@@ -77,21 +108,11 @@ double medianInterval(const std::vector<TimedPose>& poses) {
 }  // namespace
 
 std::vector<TimedPose> readTrajectory(const std::string& path) {
-  std::ifstream file(path);
-  if (!file) throw std::invalid_argument("cannot read trajectory file " + path);
-  std::vector<TimedPose> poses;
-  std::string line;
-  for (int number = 1; std::getline(file, line); ++number) {
-    const std::size_t first = line.find_first_not_of(" \t\r");
-    if (first == std::string::npos || line[first] == '#') continue;
-    try {
-      poses.push_back(parseLine(line));
-    } catch (const std::exception& problem) {
-      throw std::invalid_argument(path + ":" + std::to_string(number) + ": not a pose (" + problem.what() +
-                                  ")");
-    }
-  }
-  return poses;
+  return readLines(path, "pose", parsePose);
+}
+
+std::vector<ImuSample> readImu(const std::string& path) {
+  return readLines(path, "IMU sample", parseImuSample);
 }
 
 RecordedTrajectory::RecordedTrajectory(const std::vector<TimedPose>& poses, double knot_spacing) {

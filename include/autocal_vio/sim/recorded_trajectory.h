@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "autocal_vio/imu/imu_types.h"
 #include "autocal_vio/sim/trajectory.h"
 
 namespace autocal_vio {
@@ -20,6 +21,9 @@ struct TimedPose {
 /// (`stamp_s px py pz qx qy qz qw`, blanks). Lines beginning with # and blank lines are skipped.
 /// Throws std::invalid_argument naming file, line and problem.
 std::vector<TimedPose> readTrajectory(const std::string& path);
+
+/// Reads an IMU file in EuRoC's format: `stamp_ns,wx,wy,wz,ax,ay,az`. Throws as readTrajectory does.
+std::vector<ImuSample> readImu(const std::string& path);
 
 /// Uniform quintic B-splines (C^4) fitted to recorded poses by least squares. Velocity, acceleration and
 /// angular velocity are the exact derivatives of the spline, so that IMU samples made from it are consistent

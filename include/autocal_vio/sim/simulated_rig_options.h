@@ -25,7 +25,7 @@ struct SimulatedRigOptions {
   double motion_blur = 0.0;
   double gravity = 9.81;
   double still_time = 1.0;
-  double speed_factor = 1.0;
+  double speed_factor = 0.7;
   double bump_time = 0.0;
   double bump_rotation_deg = 5.0;
   double bump_translation = 0.03;
