@@ -1,0 +1,59 @@
+// What a running VioNodelet publishes, kept so that the files of calibrate_bag can be written from it.
+#pragma once
+
+#include <autocal_vio/CalibrationStatus.h>
+#include <geometry_msgs/PoseStamped.h>
+#include <nav_msgs/Odometry.h>
+#include <tf2_msgs/TFMessage.h>
+
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "autocal_vio/tools/calibration_run.h"
+
+namespace autocal_vio {
+
+/// Not thread-safe: its callbacks belong to one spinner.
+class LiveRecorder {
+ public:
+  void addStatus(const CalibrationStatus& status);
+  void addOdometry(const nav_msgs::Odometry& odometry);
+  void addImuOdometry() { ++imu_odometry_count_; }
+  void addTransforms(const tf2_msgs::TFMessage& message);
+  void addTruth(const nav_msgs::Odometry& odometry);
+  void setTrueExtrinsics(const geometry_msgs::PoseStamped& pose);
+  void setTrueTimeOffset(double td) { true_td_ = td; }
+
+  bool empty() const { return updates_.empty(); }
+  std::size_t statusCount() const { return updates_.size(); }
+  /// Seconds from the first image to the last, and from the first converged one to the last; none: never converged.
+  double secondsSinceFirst() const;
+  std::optional<double> secondsSinceConverged() const;
+
+  /// One line on where things stand, with the errors where the truth is known.
+  std::string progressLine() const;
+
+  /// As of an offline run: each image's status with the odometry of the same stamp; CPU times as the nodelet states them.
+  CalibrationRunResult result() const;
+  const std::vector<RunRow>& truth() const { return truth_; }
+  const std::optional<Transform>& trueExtrinsics() const { return true_T_imu_cam_; }
+  std::optional<double> trueTimeOffset() const { return true_td_; }
+
+  /// live.yaml: counts and latencies of what was received.
+  std::string liveText() const;
+
+ private:
+  std::vector<VioUpdate> updates_;
+  std::vector<double> latencies_ms_;
+  std::map<TimeNs, Transform> odometry_;  ///< T_odom_imu by stamp of the image
+  std::vector<RunRow> truth_;
+  std::optional<Transform> true_T_imu_cam_;
+  std::optional<double> true_td_;
+  std::map<std::string, std::size_t> transform_counts_;  ///< by parent frame
+  std::size_t imu_odometry_count_ = 0;
+  std::uint64_t imu_dropped_ = 0;
+};
+
+}  // namespace autocal_vio

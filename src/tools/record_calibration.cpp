@@ -1,0 +1,141 @@
+// The program record_calibration: shows the progress of a running VioNodelet and writes the files of calibrate_bag.
+#include <ros/callback_queue.h>
+#include <ros/ros.h>
+#include <std_msgs/Float64.h>
+
+#include <cstdio>
+
+#include "autocal_vio/calibration_io/load_problems.h"
+#include "autocal_vio/calibration_io/rig_file.h"
+#include "autocal_vio/tools/live_recorder.h"
+#include "autocal_vio/tools/program.h"
+#include "autocal_vio/tools/result_tables.h"
+#include "autocal_vio/tools/truth_files.h"
+#include "autocal_vio/tools/write_results.h"
+
+namespace autocal_vio {
+namespace {
+
+constexpr int kQueue = 2000;
+
+struct ProgramOptions {
+  std::string nodelet = "/vio";
+  std::string rig = "/simulated_rig";
+  double after_converged = -1.0;  ///< [s]; negative: to the end of the input
+  double wait = 30.0;             ///< [s]
+  double silence = 5.0;           ///< [s]
+  double limit = 1e9;             ///< [s]
+  std::string rig_file;
+  std::string output_folder;
+  bool force = false;
+};
+
+CommandLine commandLine(ProgramOptions* options) {
+  CommandLine line("record_calibration",
+                   "Shows the progress of a running VioNodelet and writes the files of calibrate_bag. "
+                   "Exit 0 converged, 2 not converged, 1 nothing came.");
+  line.addText("nodelet", "NAME", "the nodelet's name (/vio)", &options->nodelet);
+  line.addText("rig", "NAME", "the simulated rig's name, for the truth (/simulated_rig)", &options->rig);
+  line.addNumber("after-converged", "S", "ends this long after it has converged [s] (never)",
+                 &options->after_converged);
+  line.addNumber("wait", "S", "gives up where no message has come after this long [s] (30)", &options->wait);
+  line.addNumber("silence", "S", "ends after this long without a message, once some came [s] (5)",
+                 &options->silence);
+  line.addNumber("limit", "S", "ends after this long [s]", &options->limit);
+  line.addText("config", "RIG.yaml", "rig file that the nodelet was given (required)", &options->rig_file);
+  line.addText("out", "DIR", "folder for the results; created (required)", &options->output_folder);
+  line.addFlag("force", "replaces earlier results in the folder", &options->force);
+  return line;
+}
+
+// Until the input has ended, the time is up or somebody interrupts; a line each second.
+void watch(const ProgramOptions& options, LiveRecorder* recorder) {
+  const ros::WallTime begin = ros::WallTime::now();
+  ros::WallTime last_line = begin;
+  ros::WallTime last_message = begin;
+  std::size_t received = 0;
+  while (ros::ok()) {
+    ros::getGlobalCallbackQueue()->callAvailable(ros::WallDuration(0.05));
+    const ros::WallTime now = ros::WallTime::now();
+    if (recorder->statusCount() != received) {
+      received = recorder->statusCount();
+      last_message = now;
+    }
+    if ((now - last_line).toSec() >= 1.0) {
+      std::printf("%s\n", recorder->progressLine().c_str());
+      std::fflush(stdout);
+      last_line = now;
+    }
+    const std::optional<double> converged_for = recorder->secondsSinceConverged();
+    if ((now - begin).toSec() > options.limit) return;
+    if (received == 0 && (now - begin).toSec() > options.wait) return;
+    if (received > 0 && (now - last_message).toSec() > options.silence) return;
+    if (options.after_converged >= 0.0 && converged_for && *converged_for >= options.after_converged) return;
+  }
+}
+
+void receive(const ProgramOptions& options, LiveRecorder* recorder) {
+  ros::NodeHandle nh;
+  const ros::Subscriber subscribers[] = {
+      nh.subscribe<CalibrationStatus>(
+          options.nodelet + "/calibration_status", kQueue,
+          [recorder](const CalibrationStatusConstPtr& message) { recorder->addStatus(*message); }),
+      nh.subscribe<nav_msgs::Odometry>(
+          options.nodelet + "/odometry", kQueue,
+          [recorder](const nav_msgs::OdometryConstPtr& message) { recorder->addOdometry(*message); }),
+      nh.subscribe<nav_msgs::Odometry>(
+          options.nodelet + "/odometry_imu", kQueue,
+          [recorder](const nav_msgs::OdometryConstPtr&) { recorder->addImuOdometry(); }),
+      nh.subscribe<tf2_msgs::TFMessage>(
+          "/tf", kQueue,
+          [recorder](const tf2_msgs::TFMessageConstPtr& message) { recorder->addTransforms(*message); }),
+      nh.subscribe<nav_msgs::Odometry>(
+          options.rig + "/truth", kQueue,
+          [recorder](const nav_msgs::OdometryConstPtr& message) { recorder->addTruth(*message); }),
+      nh.subscribe<geometry_msgs::PoseStamped>(options.rig + "/truth_extrinsics", 1,
+                                               [recorder](const geometry_msgs::PoseStampedConstPtr& message) {
+                                                 recorder->setTrueExtrinsics(*message);
+                                               }),
+      nh.subscribe<std_msgs::Float64>(options.rig + "/truth_time_offset", 1,
+                                      [recorder](const std_msgs::Float64ConstPtr& message) {
+                                        recorder->setTrueTimeOffset(message->data);
+                                      })};
+  watch(options, recorder);
+}
+
+void writeTruth(const LiveRecorder& recorder, const ResultFolder& folder) {
+  if (!recorder.truth().empty()) folder.writeText("truth.tum", odometryTumText(recorder.truth()));
+  if (!recorder.trueExtrinsics()) return;
+  SimulatedRig rig;
+  rig.T_imu_cam = *recorder.trueExtrinsics();
+  rig.td = recorder.trueTimeOffset().value_or(0.0);
+  folder.writeText("truth.yaml", truthExtrinsicsText(rig));
+}
+
+int recordCalibration(const ProgramOptions& options) {
+  if (options.output_folder.empty()) throw LoadProblems({"--out: is missing (see --help)"});
+  if (options.rig_file.empty()) throw LoadProblems({"--config: is missing (see --help)"});
+  const RigModel rig = loadRigFile(options.rig_file);
+  const ResultFolder folder(options.output_folder, options.force);
+  LiveRecorder recorder;
+  receive(options, &recorder);
+  if (recorder.empty()) throw LoadProblems({"no message on " + options.nodelet + "/calibration_status"});
+  const CalibrationRunResult result = recorder.result();
+  const Verdict verdict = judgeRun(result.record, false);
+  writeResults(folder, result, verdict, rig, {recorder.trueExtrinsics(), recorder.trueTimeOffset()});
+  folder.writeText("live.yaml", recorder.liveText());
+  writeTruth(recorder, folder);
+  std::printf("%s: %s\n", verdict.name.c_str(), verdict.reason.c_str());
+  return verdict.success ? 0 : 2;
+}
+
+}  // namespace
+}  // namespace autocal_vio
+
+int main(int argc, char** argv) {
+  ros::init(argc, argv, "record_calibration", ros::init_options::AnonymousName);
+  autocal_vio::ProgramOptions options;
+  autocal_vio::CommandLine line = autocal_vio::commandLine(&options);
+  return autocal_vio::runProgram("record_calibration", &line, argc, argv,
+                                 [&options] { return autocal_vio::recordCalibration(options); });
+}
