@@ -25,7 +25,7 @@ start_ros() {
 launch_nodes() {
   local dir=$1
   shift
-  setsid roslaunch autocal_vio "$@" >"$dir/roslaunch.log" 2>&1 &
+  setsid roslaunch --sigint-timeout 5 autocal_vio "$@" >"$dir/roslaunch.log" 2>&1 &
   ros_pids+=($!)
 }
 
@@ -35,7 +35,7 @@ stop_ros() {
   for ((i = ${#ros_pids[@]} - 1; i >= 0; i--)); do
     pid=${ros_pids[i]}
     kill -INT "$pid" 2>/dev/null || continue
-    for _ in $(seq 100); do
+    for _ in $(seq 200); do
       kill -0 "$pid" 2>/dev/null || break
       sleep 0.1
     done

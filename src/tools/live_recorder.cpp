@@ -100,11 +100,17 @@ void LiveRecorder::addStatus(const CalibrationStatus& status) {
   update.times = {status.tracking_ms, status.initialization_ms, status.optimization_ms};
   update.tracked_features = static_cast<int>(status.tracked_features);
   imu_dropped_ = status.imu_dropped;
+  // Without images the status comes all the same, with the stamp of the last one or none.
+  const bool of_new_image = update.stamp > 0 && (empty() || update.stamp > updates_.back().stamp);
+  last_ = update;
+  if (!of_new_image) return;
+  ++received_;
   latencies_ms_.push_back(status.latency_ms);
   updates_.push_back(std::move(update));
 }
 
 void LiveRecorder::addOdometry(const nav_msgs::Odometry& odometry) {
+  ++received_;
   odometry_[toTimeNs(odometry.header.stamp)] = toTransform(odometry.pose.pose);
 }
 
@@ -114,6 +120,7 @@ void LiveRecorder::addTransforms(const tf2_msgs::TFMessage& message) {
 }
 
 void LiveRecorder::addTruth(const nav_msgs::Odometry& odometry) {
+  ++received_;
   RunRow row;
   row.stamp = toTimeNs(odometry.header.stamp);
   row.T_odom_imu = toTransform(odometry.pose.pose);
@@ -136,8 +143,8 @@ std::optional<double> LiveRecorder::secondsSinceConverged() const {
 }
 
 std::string LiveRecorder::progressLine() const {
-  if (empty()) return "waiting for the first image";
-  const VioUpdate& update = updates_.back();
+  if (!last_) return "waiting for the nodelet";
+  const VioUpdate& update = *last_;
   const CalibrationEstimate& estimate = update.calibration;
   std::string line = format("%5.1f s  %-23s", secondsSinceFirst(), toString(update.state));
   if (!rotationKnown(estimate)) return line + "  " + update.reason;

@@ -1,6 +1,7 @@
 // The program record_calibration: shows the progress of a running VioNodelet and writes the files of calibrate_bag.
 #include <ros/callback_queue.h>
 #include <ros/ros.h>
+#include <rosgraph_msgs/Clock.h>
 #include <std_msgs/Float64.h>
 
 #include <cstdio>
@@ -57,8 +58,8 @@ void watch(const ProgramOptions& options, LiveRecorder* recorder) {
   while (ros::ok()) {
     ros::getGlobalCallbackQueue()->callAvailable(ros::WallDuration(0.05));
     const ros::WallTime now = ros::WallTime::now();
-    if (recorder->statusCount() != received) {
-      received = recorder->statusCount();
+    if (recorder->received() != received) {
+      received = recorder->received();
       last_message = now;
     }
     if ((now - last_line).toSec() >= 1.0) {
@@ -89,6 +90,8 @@ void receive(const ProgramOptions& options, LiveRecorder* recorder) {
       nh.subscribe<tf2_msgs::TFMessage>(
           "/tf", kQueue,
           [recorder](const tf2_msgs::TFMessageConstPtr& message) { recorder->addTransforms(*message); }),
+      nh.subscribe<rosgraph_msgs::Clock>(
+          "/clock", 10, [recorder](const rosgraph_msgs::ClockConstPtr&) { recorder->addClock(); }),
       nh.subscribe<nav_msgs::Odometry>(
           options.rig + "/truth", kQueue,
           [recorder](const nav_msgs::OdometryConstPtr& message) { recorder->addTruth(*message); }),

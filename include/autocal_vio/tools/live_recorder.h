@@ -20,14 +20,19 @@ class LiveRecorder {
  public:
   void addStatus(const CalibrationStatus& status);
   void addOdometry(const nav_msgs::Odometry& odometry);
-  void addImuOdometry() { ++imu_odometry_count_; }
+  void addImuOdometry() {
+    ++received_;
+    ++imu_odometry_count_;
+  }
+  void addClock() { ++received_; }
   void addTransforms(const tf2_msgs::TFMessage& message);
   void addTruth(const nav_msgs::Odometry& odometry);
   void setTrueExtrinsics(const geometry_msgs::PoseStamped& pose);
   void setTrueTimeOffset(double td) { true_td_ = td; }
 
   bool empty() const { return updates_.empty(); }
-  std::size_t statusCount() const { return updates_.size(); }
+  /// Signs of input: images' statuses, odometry, clock, truth. No more of them means that the input has ended.
+  std::size_t received() const { return received_; }
   /// Seconds from the first image to the last, and from the first converged one to the last; none: never converged.
   double secondsSinceFirst() const;
   std::optional<double> secondsSinceConverged() const;
@@ -45,7 +50,9 @@ class LiveRecorder {
   std::string liveText() const;
 
  private:
-  std::vector<VioUpdate> updates_;
+  std::size_t received_ = 0;
+  std::optional<VioUpdate> last_;   ///< the newest status, of an image or not
+  std::vector<VioUpdate> updates_;  ///< one for each image
   std::vector<double> latencies_ms_;
   std::map<TimeNs, Transform> odometry_;  ///< T_odom_imu by stamp of the image
   std::vector<RunRow> truth_;
