@@ -12,9 +12,8 @@ namespace {
 
 constexpr double kFunctionTolerance = 1e-4;  // relative change of the cost at which a window is solved
 constexpr double kOutlierSigmas = 4.0;       // a reprojection this far out is dropped
-constexpr double kMinOutlierPx = 2.0;        // [px] and at least this far
-constexpr double kMinPixelSigma = 0.3;       // [px] tracks are correlated in time: never trust them more
-constexpr double kMaxPixelSigma = 3.0;       // [px]
+constexpr double kMinOutlierPx = 1.5;        // [px] and at least this far
+constexpr double kPixelSigmaGain = 0.05;     // per keyframe
 constexpr double kSmallestTrackShare =
     0.5;  // of the last keyframe's tracks still seen, or it is time for another
 constexpr double kLongestBridgedGap = 0.5;  // [s] without IMU samples
@@ -138,13 +137,10 @@ void SlidingWindowEstimator::adaptNoise() {
 }
 
 void SlidingWindowEstimator::adaptPixelSigma() {
-  int count = 0;
-  const double rms = graph_.pixelRms(&count);
-  if (count < 100) return;
-  // A landmark of n observations leaves 2n - 3 of 2n degrees of freedom; with 4 to 8 of them about 0.75.
-  const double sigma = std::clamp(rms / std::sqrt(0.75), kMinPixelSigma, kMaxPixelSigma);
-  double& current = graph_.options().pixel_sigma;
-  current += 0.05 * (sigma - current);
+  if (const std::optional<double> fitted = fittedPixelSigma(graph_)) {
+    double& current = graph_.options().pixel_sigma;
+    current += kPixelSigmaGain * (*fitted - current);
+  }
 }
 
 std::string SlidingWindowEstimator::findFault() const {

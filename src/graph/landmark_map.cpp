@@ -11,7 +11,7 @@ namespace {
 
 constexpr double kDefaultInverseDepth = 0.25;  // [1/m]
 constexpr double kMinInverseDepth = 0.01;      // [1/m]
-constexpr double kMaxInverseDepth = 5.0;       // [1/m]
+constexpr double kMaxInverseDepth = 10.0;      // [1/m]
 constexpr double kMinParallaxPx = 1.0;         // below it triangulation says nothing about depth
 
 const FrameState* findFrame(const std::deque<FrameState>& frames, FrameId id) {

@@ -12,7 +12,13 @@ namespace {
 using Matrix9d = Eigen::Matrix<double, 9, 9>;
 using Matrix9x30d = Eigen::Matrix<double, 9, 30>;
 
-constexpr int kNoiseRounds = 3;         // of a batch: each may change the variance by kLargestRatio
+constexpr int kNoiseRounds = 3;  // of a batch: each may change the variance by kLargestRatio
+constexpr double kRoundTolerance =
+    1e-3;  // relative change of the cost: rounds before the last need not be exact
+constexpr double kFinalTolerance = 1e-5;
+constexpr int kEnoughObservations = 100;
+constexpr double kMinPixelSigma = 0.3;  // [px] tracks are correlated in time: never trust them more
+constexpr double kMaxPixelSigma = 3.0;  // [px]
 constexpr double kFade = 0.97;          // per update: evidence lives for some 30 intervals
 constexpr double kPriorEvidence = 0.5;  // degrees of freedom that speak for the factors staying
 constexpr double kLargestRatio = 9.0;   // of the variance, in one update
@@ -105,11 +111,20 @@ void NoiseAdaptation::addInterval(const VisualInertialGraph& graph, const GraphC
   add(componentCovariance(pre, pre.noise().gyroscope_noise_density, 0.0), &gyroscope_);
 }
 
+std::optional<double> fittedPixelSigma(const VisualInertialGraph& graph) {
+  int count = 0;
+  const double fitted = graph.pixelSigma(&count);
+  if (count < kEnoughObservations) return std::nullopt;
+  // A landmark of n observations leaves 2n - 3 of 2n degrees of freedom: 0.75 of them at n = 6.
+  return std::clamp(fitted / std::sqrt(0.75), kMinPixelSigma, kMaxPixelSigma);
+}
+
 std::string solveAdaptingNoise(int max_iterations, double outlier_px, VisualInertialGraph* graph,
                                NoiseAdaptation* noise) {
   for (int round = 0; round < kNoiseRounds; ++round) {
-    if (!graph->solve(max_iterations).usable) return "the bundle adjustment failed";
+    if (!graph->solve(max_iterations, kRoundTolerance).usable) return "the bundle adjustment failed";
     graph->dropOutliers(outlier_px);
+    if (const std::optional<double> fitted = fittedPixelSigma(*graph)) graph->options().pixel_sigma = *fitted;
     const std::optional<GraphCovariance> covariance = graph->covariance();
     if (!covariance) return "scale and gravity are not determined yet";
     for (std::size_t i = 1; i < graph->frames().size(); ++i) noise->addInterval(*graph, *covariance, i);
@@ -117,7 +132,7 @@ std::string solveAdaptingNoise(int max_iterations, double outlier_px, VisualIner
     for (FrameState& frame : graph->frames())
       if (frame.preintegration) frame.preintegration->repropagate(frame.bias(), noise->noise());
   }
-  return graph->solve(max_iterations).usable ? "" : "the bundle adjustment failed";
+  return graph->solve(max_iterations, kFinalTolerance).usable ? "" : "the bundle adjustment failed";
 }
 
 void NoiseAdaptation::update() {

@@ -23,8 +23,10 @@ namespace {
 
 constexpr double kGaugeSigma = 1e-4;             // [m], [rad]: far below what is estimated, well conditioned
 constexpr double kInverseDepthPriorMean = 0.25;  // [1/m]
-constexpr double kInverseDepthPriorSigma = 2.0;  // [1/m]
-constexpr double kUnknownVelocitySigma = 10.0;   // [m/s]
+constexpr double kInverseDepthPriorSigma =
+    50.0;  // [1/m] all landmarks share it: tighter, and a near scene pulls the scale
+constexpr double kRayleighMedian = 1.17741;     // of the length of a 2-vector with unit normal components
+constexpr double kUnknownVelocitySigma = 10.0;  // [m/s]
 
 constexpr BlockKey kRotationKey{-1, BlockKind::kExtrinsicRotation};
 constexpr BlockKey kTranslationKey{-1, BlockKind::kExtrinsicTranslation};
@@ -371,22 +373,18 @@ std::optional<GraphCovariance> VisualInertialGraph::covariance() const {
   return GraphCovariance(keys, scale.asDiagonal() * inverse * scale.asDiagonal());
 }
 
-double VisualInertialGraph::pixelRms(int* count) const {
-  double sum = 0.0;
-  int used = 0;
+double VisualInertialGraph::pixelSigma(int* count) const {
+  std::vector<double> errors;
   for (const auto& [id, landmark] : landmarks_.landmarks()) {
-    if (!landmark.initialized) continue;
-    for (const Observation& observation : landmark.observations) {
-      const FrameState* frame = findFrame(observation.frame);
-      if (!frame) continue;
-      const double error = reprojectionError(landmark, observation, *frame, calibration_);
-      if (!(error < 5.0 * options_.pixel_sigma)) continue;
-      sum += error * error;
-      ++used;
-    }
+    if (!landmark.solved || landmark.observations.size() < 3) continue;
+    for (const Observation& observation : landmark.observations)
+      if (const FrameState* frame = findFrame(observation.frame))
+        errors.push_back(reprojectionError(landmark, observation, *frame, calibration_));
   }
-  if (count) *count = used;
-  return used > 0 ? std::sqrt(0.5 * sum / used) : 0.0;
+  *count = static_cast<int>(errors.size());
+  if (errors.empty()) return 0.0;
+  std::nth_element(errors.begin(), errors.begin() + errors.size() / 2, errors.end());
+  return errors[errors.size() / 2] / kRayleighMedian;
 }
 
 }  // namespace autocal_vio

@@ -19,9 +19,11 @@ constexpr double kPriorSigmaGyroBias = 0.1;        // [rad/s] weak: the rotation
 constexpr double kStructureSigmaPosition = 0.003;  // [structure units] where one is the median depth
 constexpr double kStructureSigmaRotation = 0.001;  // [rad]
 constexpr double kLargestNoiseFactor = 40.0;       // accelerometer or gyroscope against its rig file
-constexpr double kOutlierPx = 4.0;                 // [px] after the first solve
-constexpr double kLargestPixelRms = 2.0;           // [px] of an acceptable solution
-constexpr int kSolveIterations = 25;
+constexpr double kSigmaInflation =
+    2.0;  // tracking errors are correlated in time: white-noise sigmas are too small
+constexpr double kOutlierPx = 4.0;        // [px] after the first solve
+constexpr double kLargestPixelRms = 2.0;  // [px] of an acceptable solution
+constexpr int kSolveIterations = 20;
 
 // Relative sigma of the trajectory's scale: the part of the positions' covariance along the positions themselves.
 double relativeScaleSigma(const VisualInertialGraph& graph, const GraphCovariance& covariance) {
@@ -246,8 +248,9 @@ bool CalibratingInitializer::judge(const InitializedProblem& problem) {
   const std::optional<GraphCovariance> covariance = problem.graph.covariance();
   const std::string advice = "keep moving with changing speed and direction, while turning";
   if (!covariance) return fail("scale and gravity are not determined yet", advice);
-  const double sigma_scale = relativeScaleSigma(problem.graph, *covariance);
-  const double rms = problem.graph.pixelRms();
+  const double sigma_scale = kSigmaInflation * relativeScaleSigma(problem.graph, *covariance);
+  int observations = 0;
+  const double rms = problem.graph.pixelSigma(&observations);
   const NoiseFactors& factors = problem.noise.factors();
   std::ostringstream why;
   if (!(sigma_scale < options_.max_sigma_scale)) {

@@ -24,11 +24,6 @@ struct Ray {
   Vector3d direction;  // unit, in V
 };
 
-// (I - r r^T), the projector away from the ray.
-Matrix3d projector(const Ray& ray) {
-  return Matrix3d::Identity() - ray.direction * ray.direction.transpose();
-}
-
 class Solver {
  public:
   Solver(const std::vector<StructureTrack>& tracks, const std::vector<Quaterniond>& R_VC)

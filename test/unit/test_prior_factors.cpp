@@ -135,8 +135,9 @@ TEST(DiagonalPriorFactor, EqualsItsTwin) {
   }
 }
 
-// The wall against points behind the anchor: sigma [1/m].
-constexpr double kBehindSigma = 0.02;
+// The wall far behind the anchor: where it begins, and its sigma [1/m].
+constexpr double kWall = -0.3;
+constexpr double kWallSigma = 0.1;
 
 // docs/derivation.md (D32).
 TEST(InverseDepthPriorFactor, EqualsItsTwin) {
@@ -144,16 +145,16 @@ TEST(InverseDepthPriorFactor, EqualsItsTwin) {
   for (int n = 0; n < 100; ++n) {
     SCOPED_TRACE(n);
     const double mean = random.uniform(0.0, 1.0), sigma = random.uniform(0.1, 3.0);
-    const Vector3d landmark(random.normal(), random.normal(), random.uniform(n % 2 == 0 ? -0.1 : 0.01, 3.0));
+    const Vector3d landmark(random.normal(), random.normal(), random.uniform(n % 2 == 0 ? -0.6 : 0.01, 3.0));
     const auto twin = [&](const auto& delta) {
       using T = typename std::decay_t<decltype(delta)>::Scalar;
       const T rho = T(landmark(2)) + delta(2);
       using std::min;
-      return Eigen::Matrix<T, 2, 1>((rho - T(mean)) / T(sigma), min(rho, T(0.0)) / T(kBehindSigma));
+      return Eigen::Matrix<T, 2, 1>((rho - T(mean)) / T(sigma), min(rho - T(kWall), T(0.0)) / T(kWallSigma));
     };
     const std::vector<Block> blocks = {{landmark, nullptr}};
     test::expectEqualsTwin<2, 3>(InverseDepthPriorFactor(mean, sigma), blocks, twin);
-    if (std::abs(landmark(2)) > 0.01)  // differences must not cross the wall's edge
+    if (std::abs(landmark(2) - kWall) > 0.01)  // differences must not cross the wall's edge
       test::expectPassesGradientChecker(InverseDepthPriorFactor(mean, sigma), blocks);
     test::expectOptionalJacobians(InverseDepthPriorFactor(mean, sigma), blocks);
   }
@@ -165,8 +166,9 @@ TEST(InverseDepthPriorFactor, HandValues) {
     return test::evaluate(InverseDepthPriorFactor(0.2, 0.25), blocks).residual;
   };
   EXPECT_LT((residualAt(0.7) - Eigen::Vector2d(2.0, 0.0)).norm(), 1e-14);
-  EXPECT_LT((residualAt(0.0) - Eigen::Vector2d(-0.8, 0.0)).norm(), 1e-14);  // the wall begins without a step
-  EXPECT_LT((residualAt(-0.05) - Eigen::Vector2d(-1.0, -0.05 / kBehindSigma)).norm(), 1e-14);
+  EXPECT_LT((residualAt(-0.05) - Eigen::Vector2d(-1.0, 0.0)).norm(), 1e-14);  // noise about infinity is left alone
+  EXPECT_LT((residualAt(-0.3) - Eigen::Vector2d(-2.0, 0.0)).norm(), 1e-14);   // the wall begins without a step
+  EXPECT_LT((residualAt(-0.4) - Eigen::Vector2d(-2.4, -1.0)).norm(), 1e-14);
 }
 
 }  // namespace

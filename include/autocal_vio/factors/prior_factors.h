@@ -61,8 +61,10 @@ class DiagonalPriorFactor final : public ceres::SizedCostFunction<N, N> {
   Vector mean_, inverse_sigma_;
 };
 
-/// Prior on a landmark's inverse depth, so weak that it only matters without parallax, and a wall against points
-/// behind the anchor. Residual: (rho - mean) / sigma, and rho / kBehindSigma where rho < 0.
+/// Prior on a landmark's inverse depth, so weak that it only matters without parallax, and a wall far behind the
+/// anchor. Residual: (rho - mean) / sigma, and (rho - kWall) / kWallSigma where rho < kWall.
+/// The wall stands well below zero: far points have an inverse depth of zero give or take its noise, and cutting
+/// that noise off on one side would bias the structure.
 /// Block: landmark [alpha beta rho] (3).
 /// Two rows, as a reprojection has, let Ceres use its Schur eliminator for fixed sizes.
 class InverseDepthPriorFactor final : public ceres::SizedCostFunction<2, 3> {
@@ -72,17 +74,18 @@ class InverseDepthPriorFactor final : public ceres::SizedCostFunction<2, 3> {
   bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
     const double rho = parameters[0][2];
     residuals[0] = (rho - mean_) * inverse_sigma_;
-    residuals[1] = rho < 0.0 ? rho / kBehindSigma : 0.0;
+    residuals[1] = rho < kWall ? (rho - kWall) / kWallSigma : 0.0;
     if (jacobians && jacobians[0]) {
       for (int i = 0; i < 6; ++i) jacobians[0][i] = 0.0;
       jacobians[0][2] = inverse_sigma_;
-      jacobians[0][5] = rho < 0.0 ? 1.0 / kBehindSigma : 0.0;
+      jacobians[0][5] = rho < kWall ? 1.0 / kWallSigma : 0.0;
     }
     return true;
   }
 
  private:
-  static constexpr double kBehindSigma = 0.02;  // [1/m]
+  static constexpr double kWall = -0.3;      // [1/m]
+  static constexpr double kWallSigma = 0.1;  // [1/m]
   double mean_, inverse_sigma_;
 };
 

@@ -5,6 +5,7 @@
 // E[r^T M_k r] = tr(M_k (C - A P A^T)) when the factors f are right, where A P A^T is what the states absorbed.
 #pragma once
 
+#include <optional>
 #include <string>
 
 #include "autocal_vio/graph/visual_inertial_graph.h"
@@ -44,6 +45,9 @@ class NoiseAdaptation {
   NoiseFactors factors_;
   Evidence accelerometer_, gyroscope_;
 };
+
+/// Pixel noise that the solved graph's residuals show [px], within bounds; nothing when it has too few.
+std::optional<double> fittedPixelSigma(const VisualInertialGraph& graph);
 
 /// Solves a batch, then finds the IMU's noise level from all its intervals and solves again, a few times over:
 /// without it a vibrating IMU is trusted too much and spoils the calibration. Reprojections above `outlier_px` are

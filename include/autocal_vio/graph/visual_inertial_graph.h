@@ -82,8 +82,9 @@ class VisualInertialGraph {
   /// Nothing when the problem is singular.
   std::optional<GraphCovariance> covariance() const;
 
-  /// RMS pixel error of all observations (robustly: of those below 5 sigma), and how many there are.
-  double pixelRms(int* count = nullptr) const;
+  /// Standard deviation of the reprojection errors per axis [px], from their median so that outliers do not count,
+  /// and the number of observations it rests on.
+  double pixelSigma(int* count) const;
 
   std::vector<Factor> imuFactors() const;
 
