@@ -1,0 +1,80 @@
+// Images wait for the IMU; disorder, jumps of the clock and a silent IMU are told apart.
+#include <gtest/gtest.h>
+
+#include <limits>
+
+#include "autocal_vio/pipeline/measurement_sync.h"
+
+namespace autocal_vio {
+namespace {
+
+constexpr TimeNs kMs = 1000000;
+
+ImuSample imuAt(TimeNs stamp) {
+  ImuSample sample;
+  sample.stamp = stamp;
+  return sample;
+}
+
+PendingFrame frameAt(TimeNs stamp) {
+  PendingFrame frame;
+  frame.stamp = stamp;
+  return frame;
+}
+
+TEST(MeasurementSync, AnImageWaitsUntilTheImuCoversItsInstant) {
+  MeasurementSync sync;
+  bool dropped = false;
+  int old = 0;
+  sync.addImu(imuAt(100 * kMs));
+  EXPECT_EQ(sync.addFrame(frameAt(110 * kMs), &dropped), MeasurementSync::FrameVerdict::kAdded);
+  EXPECT_FALSE(sync.pop(0.0, &old));
+  sync.addImu(imuAt(112 * kMs));
+  EXPECT_FALSE(sync.pop(0.005, &old)) << "t_imu = t_cam + td is not covered yet";
+  const std::optional<PendingFrame> frame = sync.pop(0.0, &old);
+  ASSERT_TRUE(frame);
+  EXPECT_EQ(frame->stamp, 110 * kMs);
+  EXPECT_EQ(old, 0);
+}
+
+TEST(MeasurementSync, ImagesOlderThanTheImuAreCounted) {
+  MeasurementSync sync;
+  bool dropped = false;
+  int old = 0;
+  sync.addFrame(frameAt(50 * kMs), &dropped);
+  sync.addFrame(frameAt(60 * kMs), &dropped);
+  sync.addImu(imuAt(100 * kMs));
+  sync.addImu(imuAt(105 * kMs));
+  EXPECT_FALSE(sync.pop(0.0, &old));
+  EXPECT_EQ(old, 2);
+}
+
+TEST(MeasurementSync, TellsDisorderFromAJumpOfTheClock) {
+  MeasurementSync sync;
+  bool dropped = false;
+  sync.addImu(imuAt(5000 * kMs));
+  EXPECT_EQ(sync.addImu(imuAt(4990 * kMs)), MeasurementSync::ImuVerdict::kOutOfOrder);
+  EXPECT_EQ(sync.addImu(imuAt(5000 * kMs)), MeasurementSync::ImuVerdict::kOutOfOrder);
+  EXPECT_EQ(sync.addImu(imuAt(1000 * kMs)), MeasurementSync::ImuVerdict::kTimeJumpedBack);
+  ImuSample bad = imuAt(5010 * kMs);
+  bad.acceleration.x() = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_EQ(sync.addImu(bad), MeasurementSync::ImuVerdict::kNotFinite);
+  sync.addFrame(frameAt(5000 * kMs), &dropped);
+  EXPECT_EQ(sync.addFrame(frameAt(4950 * kMs), &dropped), MeasurementSync::FrameVerdict::kOutOfOrder);
+  EXPECT_EQ(sync.addFrame(frameAt(5000 * kMs), &dropped), MeasurementSync::FrameVerdict::kOutOfOrder);
+  EXPECT_EQ(sync.addFrame(frameAt(3000 * kMs), &dropped), MeasurementSync::FrameVerdict::kTimeJumpedBack);
+}
+
+TEST(MeasurementSync, WaitingImagesAreBounded) {
+  MeasurementSync sync;
+  int lost = 0;
+  for (int i = 0; i < 500; ++i) {
+    bool dropped = false;
+    sync.addFrame(frameAt(i * 50 * kMs), &dropped);
+    lost += dropped;
+  }
+  EXPECT_GT(lost, 400);
+}
+
+}  // namespace
+}  // namespace autocal_vio

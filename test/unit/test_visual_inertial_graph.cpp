@@ -1,0 +1,130 @@
+// The estimation problem: marginalisation keeps what it should, held states keep every bit, dropped frames vanish.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <memory>
+
+#include "autocal_vio/graph/visual_inertial_graph.h"
+#include "autocal_vio/imu/imu_buffer.h"
+#include "autocal_vio/sim/feature_simulator.h"
+
+namespace autocal_vio {
+namespace {
+
+const BlockKey kRotation{-1, BlockKind::kExtrinsicRotation};
+const BlockKey kTranslation{-1, BlockKind::kExtrinsicTranslation};
+const BlockKey kTimeOffset{-1, BlockKind::kTimeOffset};
+
+// A solved batch of keyframes along a noisy simulated motion.
+VisualInertialGraph solvedGraph(int keyframes) {
+  FeatureSimulationOptions simulation = FeatureSimulationOptions::euroc(4);
+  simulation.motion.duration = 12.0;
+  const FeatureDataset data = simulateFeatures(simulation);
+  ImuBuffer imu(100 * kNsPerSecond);
+  for (const ImuSample& sample : data.imu) imu.add(sample);
+  CalibrationPrior prior;
+  prior.sigma_translation.setConstant(0.3);
+  GraphOptions options;
+  options.pixel_sigma = 0.5;
+  VisualInertialGraph graph(options, prior);
+  graph.calibration().setTransform(data.rig.T_imu_cam);
+  constexpr std::size_t kFirst = 80, kStep = 4;
+  for (int k = 0; k < keyframes; ++k) {
+    const std::size_t i = kFirst + k * kStep;
+    FrameState frame;
+    frame.id = graph.nextFrameId();
+    frame.stamp = data.truth[i].stamp;
+    frame.features = data.frames[i].features;
+    frame.setPose(data.truth[i].T_WB);
+    frame.setMotion(data.truth[i].velocity_W, data.truth[i].bias);
+    frame.measured_angular_velocity = imu.at(frame.stamp)->angular_velocity;
+    if (k > 0)
+      frame.preintegration = std::make_shared<Preintegration>(
+          imu.slice(data.truth[i - kStep].stamp, frame.stamp), data.truth[i].bias, data.rig.rig.imu_noise);
+    graph.addFrame(std::move(frame));
+    graph.landmarkMap().closeFullLandmarks();
+  }
+  graph.anchorFirstFrame(0.1, 0.3);
+  EXPECT_TRUE(graph.solve(30).usable);
+  return graph;
+}
+
+// Largest difference of two covariances relative to the sigmas involved.
+double relativeDifference(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b) {
+  const Eigen::VectorXd sigma = a.diagonal().cwiseSqrt();
+  return ((a - b).array() / (sigma * sigma.transpose()).array()).abs().maxCoeff();
+}
+
+TEST(VisualInertialGraph, MarginalizationKeepsTheCovarianceOfWhatRemains) {
+  VisualInertialGraph graph = solvedGraph(14);
+  const FrameId newest = graph.frames().back().id;
+  const std::optional<GraphCovariance> batch = graph.covariance();
+  ASSERT_TRUE(batch);
+  for (int i = 0; i < 6; ++i) graph.marginalizeOldest();
+  ASSERT_EQ(graph.frames().size(), 8u);
+  const std::optional<GraphCovariance> window = graph.covariance();
+  ASSERT_TRUE(window);
+  for (const BlockKey& key : {kRotation, kTranslation, kTimeOffset, BlockKey{newest, BlockKind::kPose},
+                              BlockKey{newest, BlockKind::kMotion}})
+    EXPECT_LT(relativeDifference(batch->block(key), window->block(key)), 1e-3);
+}
+
+TEST(VisualInertialGraph, MarginalizationKeepsTheSolution) {
+  VisualInertialGraph graph = solvedGraph(14);
+  const Transform before = graph.frames().back().T_WB();
+  const Transform extrinsics = graph.calibration().T_BC();
+  const std::optional<GraphCovariance> covariance = graph.covariance();
+  ASSERT_TRUE(covariance);
+  for (int i = 0; i < 6; ++i) graph.marginalizeOldest();
+  ASSERT_TRUE(graph.solve(10).usable);
+  const Eigen::MatrixXd P = covariance->block({graph.frames().back().id, BlockKind::kPose});
+  const Eigen::MatrixXd E = covariance->block(kTranslation);
+  // The batch was at its minimum, so the window must stay there, to a small part of a sigma.
+  for (int i = 0; i < 3; ++i) {
+    EXPECT_LT(std::abs(graph.frames().back().position()(i) - before.translation(i)),
+              0.2 * std::sqrt(P(i, i)));
+    EXPECT_LT(std::abs(graph.calibration().T_BC().translation(i) - extrinsics.translation(i)),
+              0.2 * std::sqrt(E(i, i)));
+  }
+}
+
+TEST(VisualInertialGraph, GaugeIsFixedAndNothingElse) {
+  const VisualInertialGraph graph = solvedGraph(8);
+  const std::optional<GraphCovariance> covariance = graph.covariance();
+  ASSERT_TRUE(covariance);
+  const Eigen::MatrixXd first = covariance->block({graph.frames().front().id, BlockKind::kPose});
+  EXPECT_LT(std::sqrt(first.topLeftCorner<3, 3>().trace()), 1e-3);
+  // Roll and pitch come from the data: uncertain by more than the gauge's sigma.
+  EXPECT_GT(std::sqrt(first.bottomRightCorner<3, 3>().trace()), 2e-4);
+}
+
+TEST(VisualInertialGraph, HeldCalibrationKeepsEveryBit) {
+  VisualInertialGraph graph = solvedGraph(8);
+  graph.calibration().setTransform(
+      Transform(graph.calibration().T_BC().rotation,
+                graph.calibration().T_BC().translation + Eigen::Vector3d(0.01, 0, 0)));
+  graph.calibration().rotation_held = graph.calibration().translation_held = graph.calibration().td_held =
+      true;
+  const CalibrationState before = graph.calibration();
+  ASSERT_TRUE(graph.solve(5).usable);
+  EXPECT_EQ(graph.calibration().rotation, before.rotation);
+  EXPECT_EQ(graph.calibration().translation, before.translation);
+  EXPECT_EQ(graph.calibration().td, before.td);
+  EXPECT_EQ(graph.covariance()->block(kTranslation).size(), 0);
+}
+
+TEST(VisualInertialGraph, DroppedFrameLeavesItsImuBehind) {
+  VisualInertialGraph graph = solvedGraph(6);
+  const FrameId dropped = graph.frames()[4].id;
+  const double span =
+      graph.frames()[4].preintegration->duration() + graph.frames()[5].preintegration->duration();
+  graph.dropSecondNewest();
+  ASSERT_EQ(graph.frames().size(), 5u);
+  EXPECT_NEAR(graph.frames().back().preintegration->duration(), span, 1e-9);
+  for (const auto& [id, landmark] : graph.landmarkMap().landmarks())
+    for (const Observation& observation : landmark.observations) EXPECT_NE(observation.frame, dropped);
+  EXPECT_TRUE(graph.solve(5).usable);
+}
+
+}  // namespace
+}  // namespace autocal_vio
