@@ -1,20 +1,13 @@
 #include "autocal_vio/graph/visual_inertial_graph.h"
 
-#include <ceres/loss_function.h>
-#include <ceres/ordered_groups.h>
-#include <ceres/problem.h>
-#include <ceres/solver.h>
-
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <functional>
 #include <set>
-#include <unordered_set>
 
 #include "autocal_vio/factors/imu_factor.h"
-#include "autocal_vio/factors/manifolds.h"
 #include "autocal_vio/factors/marginal_prior_factor.h"
 #include "autocal_vio/factors/reprojection_factor.h"
 
@@ -31,45 +24,6 @@ constexpr double kUnknownVelocitySigma = 10.0;  // [m/s]
 constexpr BlockKey kRotationKey{-1, BlockKind::kExtrinsicRotation};
 constexpr BlockKey kTranslationKey{-1, BlockKind::kExtrinsicTranslation};
 constexpr BlockKey kTimeOffsetKey{-1, BlockKind::kTimeOffset};
-
-// Hands factors to Ceres; the states are changed in place.
-SolveSummary solveFactors(const std::vector<Factor>& factors, double huber_threshold,
-                          const std::function<bool(const Block&)>& held, ceres::Solver::Options options) {
-  ceres::Problem::Options problem_options;
-  problem_options.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-  problem_options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-  problem_options.manifold_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-  problem_options.disable_all_safety_checks = true;
-  ceres::HuberLoss huber(huber_threshold);
-  PoseManifold pose_manifold;
-  RotationManifold rotation_manifold;
-  ceres::Problem problem(problem_options);
-  const auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
-  if (options.linear_solver_type == ceres::DENSE_SCHUR) options.linear_solver_ordering = ordering;
-
-  std::unordered_set<const double*> seen;
-  std::vector<double*> pointers;
-  for (const Factor& factor : factors) {
-    pointers.clear();
-    for (const Block& block : factor.blocks) {
-      pointers.push_back(block.data);
-      if (!seen.insert(block.data).second) continue;
-      ceres::Manifold* manifold = nullptr;
-      if (block.kind == BlockKind::kPose) manifold = &pose_manifold;
-      if (block.kind == BlockKind::kExtrinsicRotation) manifold = &rotation_manifold;
-      problem.AddParameterBlock(block.data, ambientSize(block.kind), manifold);
-      if (held(block)) problem.SetParameterBlockConstant(block.data);
-      ordering->AddElementToGroup(block.data, block.kind == BlockKind::kLandmark ? 0 : 1);
-    }
-    problem.AddResidualBlock(factor.cost.get(), factor.huber > 0.0 ? &huber : nullptr, pointers);
-  }
-  options.num_threads = 1;
-  options.logging_type = ceres::SILENT;
-  ceres::Solver::Summary summary;
-  ceres::Solve(options, &problem, &summary);
-  return {summary.IsSolutionUsable() && std::isfinite(summary.final_cost),
-          static_cast<int>(summary.iterations.size()) - 1, summary.final_cost};
-}
 
 }  // namespace
 
@@ -281,9 +235,8 @@ std::vector<Factor> VisualInertialGraph::allFactors() const {
 
 SolveSummary VisualInertialGraph::solve(int max_iterations, double function_tolerance) {
   landmarks_.initialize(frames_, calibration_);
-  ceres::Solver::Options options;
-  options.linear_solver_type = ceres::DENSE_SCHUR;
-  options.max_num_iterations = max_iterations;
+  SolveOptions options;
+  options.max_iterations = max_iterations;
   options.function_tolerance = function_tolerance;
   const SolveSummary summary = solveFactors(
       allFactors(), options_.huber_threshold, [this](const Block& b) { return isHeld(b.kind); }, options);
@@ -295,9 +248,9 @@ SolveSummary VisualInertialGraph::solve(int max_iterations, double function_tole
 SolveSummary VisualInertialGraph::solveNewest(int max_iterations) {
   if (frames_.size() < 2) return {};
   const FrameState& newest = frames_.back();
-  ceres::Solver::Options options;
-  options.linear_solver_type = ceres::DENSE_QR;
-  options.max_num_iterations = max_iterations;
+  SolveOptions options;
+  options.landmarks_first = false;
+  options.max_iterations = max_iterations;
   options.function_tolerance = 1e-4;
   const auto held = [&](const Block& b) {
     return b.data != newest.pose.data() && b.data != newest.motion.data();

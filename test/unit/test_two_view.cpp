@@ -156,9 +156,9 @@ INSTANTIATE_TEST_SUITE_P(
                     NoisyCase{"outliers", {Scene::kRoom, 150, 0.3, 0.3}, 0.5},
                     NoisyCase{"outliers, rotation", {Scene::kRoom, 150, 0.3, 0.3, 0.2, 0.0}, 0.3},
                     NoisyCase{"few points", {Scene::kRoom, 40, 0.3}, 0.8}),
-    [](const testing::TestParamInfo<NoisyCase>& info) {
+    [](const testing::TestParamInfo<NoisyCase>& test_case) {
       std::string name;
-      for (const char* c = info.param.name; *c != 0; ++c)
+      for (const char* c = test_case.param.name; *c != 0; ++c)
         if (std::isalnum(static_cast<unsigned char>(*c))) name += *c;
       return name;
     });

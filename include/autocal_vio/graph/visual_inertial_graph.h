@@ -14,6 +14,7 @@
 #include "autocal_vio/graph/frame_state.h"
 #include "autocal_vio/graph/landmark_map.h"
 #include "autocal_vio/graph/linear_system.h"
+#include "autocal_vio/graph/solve_factors.h"
 
 namespace autocal_vio {
 
@@ -32,12 +33,6 @@ struct CalibrationPrior {
   Eigen::Vector3d sigma_rotation = Eigen::Vector3d::Constant(10.0);    ///< [rad]
   double td = 0.0;
   double sigma_td = 0.05;  ///< [s]
-};
-
-struct SolveSummary {
-  bool usable = false;
-  int iterations = 0;
-  double final_cost = 0.0;
 };
 
 /// Covariance of all states but landmarks, in their tangents.

@@ -1,0 +1,136 @@
+// Runs the offline programs as a user does: files in, files and exit status out.
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+
+#include "asl_dataset.h"
+
+namespace autocal_vio {
+namespace {
+
+constexpr int kImages = 30;
+const char* const kResults[] = {"odometry.tum", "extrinsics.csv", "report.yaml", "convergence.png",
+                                "camchain-imucam.yaml"};
+
+std::string readResult(const std::string& folder, const std::string& name) {
+  const std::string text = readWholeFile(folder + "/" + name);
+  return name == "report.yaml" ? text.substr(0, text.find("# --- run time")) : text;  // timings differ
+}
+
+class Programs : public ::testing::Test {
+ protected:
+  /// Exit status; what the program prints goes to out_ and errors_.
+  int run(const std::string& program, const std::string& arguments) {
+    const std::string command = std::string(AUTOCAL_VIO_PROGRAMS) + "/" + program + " " + arguments + " > " +
+                                folder_.path("stdout") + " 2> " + folder_.path("stderr");
+    const int status = std::system(command.c_str());
+    out_ = readWholeFile(folder_.path("stdout"));
+    errors_ = readWholeFile(folder_.path("stderr"));
+    return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+  }
+
+  int calibrate(const std::string& arguments) { return run("calibrate_bag", arguments); }
+
+  /// Bad input: exit status 1 and one line that contains `part`.
+  void expectRefused(const std::string& arguments, const std::string& part) {
+    EXPECT_EQ(calibrate(arguments), 1) << arguments << "\n" << errors_;
+    EXPECT_EQ(errors_.find('\n'), errors_.size() - 1) << errors_;
+    EXPECT_NE(errors_.find(part), std::string::npos) << errors_;
+  }
+
+  std::string at(const std::string& name) const { return folder_.path(name); }
+
+  TemporaryFolder folder_;
+  std::string out_;
+  std::string errors_;
+};
+
+TEST_F(Programs, HelpAndSettings) {
+  EXPECT_EQ(calibrate("--help"), 0);
+  EXPECT_NE(out_.find("usage: calibrate_bag"), std::string::npos);
+  EXPECT_EQ(calibrate("--print-estimator-settings"), 0);
+  EXPECT_EQ(out_, readWholeFile(AUTOCAL_VIO_CONFIG_FOLDER "/estimator.yaml"));
+  EXPECT_EQ(run("asl_to_bag", "--help"), 0);
+  EXPECT_EQ(run("calibrate_simulation", "--help"), 0);
+}
+
+TEST_F(Programs, BadInputIsRefusedInOneLine) {
+  const std::string data = writeAslDataset(folder_, "data", 3), out = " --out " + at("out") + " ";
+  std::filesystem::create_directory(at("empty"));
+  folder_.write("rig.yaml", "cam0:\n  camera_model: omni\nimu0: {}\n");
+  folder_.write("text.bag", "this is no bag");
+  folder_.write("file", "");
+  expectRefused("", "INPUT: is missing");
+  expectRefused(data, "--out: is missing");
+  expectRefused(out + at("nowhere"), "nowhere: does not exist");
+  expectRefused(out + at("empty"), "expected a bag, or a folder with mav0/");
+  expectRefused(out + at("text.bag"), "cannot be read as a bag");
+  expectRefused(out + data + " --config " + at("rig.yaml"),
+                "rig.yaml:2: cam0.camera_model: expected pinhole");
+  expectRefused(out + data + " --config " + at("none.yaml"), "none.yaml: cannot be read");
+  expectRefused(out + data + " --initial " + at("none.yaml"), "none.yaml: cannot be read");
+  expectRefused(out + data + " --estimator " + at("rig.yaml"), "is not a known key");
+  expectRefused(out + data + " --fix-extrinsics", "--fix-extrinsics: needs a transform");
+  expectRefused(out + data + " --start 100", "no image lies in the window");
+  expectRefused("--out " + at("file/out") + " " + data, "cannot be created");
+  std::filesystem::remove_all(at("data/mav0/cam0/data.csv"));
+  expectRefused(out + data, "cam0/data.csv: cannot be read");
+}
+
+TEST_F(Programs, StandstillIsProcessedButDoesNotConverge) {
+  const std::string data = writeAslDataset(folder_, "data", kImages);
+  EXPECT_EQ(calibrate("--out " + at("a") + " " + data), 2) << errors_;
+  EXPECT_EQ(out_.rfind("not_converged: ", 0), 0u) << out_;
+  for (const char* name : kResults) EXPECT_TRUE(std::filesystem::exists(at("a/") + name)) << name;
+  EXPECT_EQ(readWholeFile(at("a/camchain-imucam.yaml")).find("T_cam_imu:"), std::string::npos)
+      << "a transform that was never estimated";
+  const std::string report = readWholeFile(at("a/report.yaml"));
+  EXPECT_NE(report.find("images_processed: " + std::to_string(kImages) + "\n"), std::string::npos) << report;
+  EXPECT_NE(report.find("images_dropped: 0\n"), std::string::npos) << report;
+
+  expectRefused("--out " + at("a") + " " + data, "exists already; --force overwrites it");
+  EXPECT_EQ(calibrate("--force --quiet --out " + at("a") + " " + data), 2);
+  EXPECT_EQ(errors_, "");
+  EXPECT_EQ(calibrate("--out " + at("b") + " " + data), 2);
+  for (const char* name : kResults) EXPECT_EQ(readResult(at("a"), name), readResult(at("b"), name)) << name;
+}
+
+TEST_F(Programs, DamagedDataAreSkippedAndCounted) {
+  const std::string data = writeAslDataset(folder_, "data", kImages);
+  folder_.write("data/mav0/cam0/data/" + std::to_string(kAslBegin + 50000000) + ".png", "no image");
+  std::ofstream(at("data/mav0/imu0/data.csv"), std::ios::app) << "not,a,row\n";
+  EXPECT_EQ(calibrate("--out " + at("a") + " " + data), 2) << errors_;
+  EXPECT_NE(errors_.find("cannot be read as an image"), std::string::npos) << errors_;
+  EXPECT_NE(errors_.find("imu0/data.csv:1102: expected a stamp"), std::string::npos) << errors_;
+  const std::string report = readWholeFile(at("a/report.yaml"));
+  EXPECT_NE(report.find("images_processed: 29\nimages_dropped: 1\nimages_unreadable: 1\n"), std::string::npos)
+      << report;
+  EXPECT_NE(report.find("imu_unusable: 1\n"), std::string::npos) << report;
+}
+
+TEST_F(Programs, ABagGivesTheSameTablesAsItsFolder) {
+  const std::string data = writeAslDataset(folder_, "data", kImages);
+  ASSERT_EQ(run("asl_to_bag", data + " " + at("data.bag")), 0) << errors_;
+  EXPECT_EQ(run("asl_to_bag", data + " " + at("data.bag")), 1);
+  EXPECT_NE(errors_.find("--force overwrites it"), std::string::npos) << errors_;
+  EXPECT_EQ(run("asl_to_bag", "--force " + data + " " + at("data.bag")), 0);
+  EXPECT_FALSE(std::filesystem::exists(at("data.bag.part")));
+
+  const std::string rig = std::string(" --config ") + AUTOCAL_VIO_CONFIG_FOLDER + "/euroc.yaml ";
+  ASSERT_EQ(calibrate("--out " + at("folder") + rig + data), 2) << errors_;
+  ASSERT_EQ(calibrate("--out " + at("bag") + rig + at("data.bag")), 2) << errors_;
+  for (const char* name : {"odometry.tum", "extrinsics.csv"})
+    EXPECT_EQ(readResult(at("folder"), name), readResult(at("bag"), name)) << name;
+  EXPECT_EQ(calibrate("--out " + at("info") + " " + at("data.bag")), 2)
+      << "camera_info serves as well: " << errors_;
+
+  expectRefused("--out " + at("x") + rig + at("data.bag") + " --image-topic /other",
+                "has no image topic /other (it has: /cam0/image_raw)");
+  expectRefused("--out " + at("x") + rig + at("data.bag") + " --imu-topic /other", "(it has: /imu0)");
+}
+
+}  // namespace
+}  // namespace autocal_vio
