@@ -45,11 +45,12 @@ int calibrate(const CalibrateOptions& options) {
     throw LoadProblems({"--fix-extrinsics: needs a transform, by --initial or in the rig file"});
   const std::optional<Transform> truth = knownTruth(options, dataset);
   const ResultFolder folder(options.output_folder, options.force);
+  const std::string description = dataset.source->description();
+  DatasetReader reader(std::move(dataset.source), options.window);
   if (!options.quiet) {
-    std::fprintf(stderr, "%s\n", dataset.source->description().c_str());
+    std::fprintf(stderr, "%s\n", description.c_str());
     for (const std::string& note : dataset.notes) std::fprintf(stderr, "note: %s\n", note.c_str());
   }
-  DatasetReader reader(std::move(dataset.source), options.window);
   CalibrationRunResult result = runCalibration(
       dataset.rig, vio_options, &reader, warn,
       [&display](double fraction, VioState state) { display.update(fraction, toString(state)); });
