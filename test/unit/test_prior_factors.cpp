@@ -166,8 +166,9 @@ TEST(InverseDepthPriorFactor, HandValues) {
     return test::evaluate(InverseDepthPriorFactor(0.2, 0.25), blocks).residual;
   };
   EXPECT_LT((residualAt(0.7) - Eigen::Vector2d(2.0, 0.0)).norm(), 1e-14);
-  EXPECT_LT((residualAt(-0.05) - Eigen::Vector2d(-1.0, 0.0)).norm(), 1e-14);  // noise about infinity is left alone
-  EXPECT_LT((residualAt(-0.3) - Eigen::Vector2d(-2.0, 0.0)).norm(), 1e-14);   // the wall begins without a step
+  EXPECT_LT((residualAt(-0.05) - Eigen::Vector2d(-1.0, 0.0)).norm(),
+            1e-14);  // noise about infinity is left alone
+  EXPECT_LT((residualAt(-0.3) - Eigen::Vector2d(-2.0, 0.0)).norm(), 1e-14);  // the wall begins without a step
   EXPECT_LT((residualAt(-0.4) - Eigen::Vector2d(-2.4, -1.0)).norm(), 1e-14);
 }
 
