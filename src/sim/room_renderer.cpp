@@ -40,24 +40,21 @@ std::int32_t mipLevel(float depth, float area, float along) {
   return positive < kHighest ? positive : kHighest;
 }
 
-// One coordinate of 16 rays (x, y, 1) turned by a rotation with this row.
-void rotateRays(const Eigen::RowVector3f& row, const float* ray_x, const float* ray_y, float* rotated) {
-  const float r0 = row(0), r1 = row(1), r2 = row(2);
-  for (int i = 0; i < 16; ++i) rotated[i] = r0 * ray_x[i] + r1 * ray_y[i] + r2;
-}
-
 }  // namespace
 
-// A row of rays and what they hit.
-struct RoomRenderer::Span {
-  float direction[3][kTileSize];  // world
-  float depth[kTileSize];         // along the ray, in units of its length
-  std::int32_t face[kTileSize];
+// What the rays of a tile hit.
+struct RoomRenderer::Hits {
+  float direction[3][kTilePixels];  // world
+  float depth[kTilePixels];         // along the ray, in units of its length
+  std::int32_t face[kTilePixels];
 };
 
 RoomRenderer::RoomRenderer(const Room& room, const CameraModel& camera, std::uint64_t seed)
-    : room_(room), width_(camera.width()), height_(camera.height()) {
-  stride_ = (width_ + kTileSize - 1) / kTileSize * kTileSize;
+    : room_(room),
+      width_(camera.width()),
+      height_(camera.height()),
+      tile_columns_((width_ + kTileSize - 1) / kTileSize),
+      tile_rows_((height_ + kTileSize - 1) / kTileSize) {
   if (static_cast<int>(room_.obstacles.size()) > Room::kMaxObstacles)
     room_.obstacles.resize(Room::kMaxObstacles);
   makeRays(camera);
@@ -69,45 +66,44 @@ RoomRenderer::RoomRenderer(const Room& room, const CameraModel& camera, std::uin
 }
 
 void RoomRenderer::makeRays(const CameraModel& camera) {
-  const std::size_t pixels = static_cast<std::size_t>(stride_) * tileRows() * kTileSize;
+  const std::size_t pixels = static_cast<std::size_t>(tile_columns_) * tile_rows_ * kTilePixels;
   ray_x_.assign(pixels, 0.0F);
   ray_y_.assign(pixels, 0.0F);
   area_.assign(pixels, 1e-6F);
   for (int y = 0; y < height_; ++y) {
     for (int x = 0; x < width_; ++x) {
-      const int i = y * stride_ + x;
       const std::optional<Eigen::Vector2d> normalized = camera.undistort(Eigen::Vector2d(x, y));
       Eigen::Vector2d pixel;
       Eigen::Matrix2d J;
       if (!normalized || !camera.distort(*normalized, &pixel, &J) || J.determinant() <= 0.0) {
-        black_.push_back(i);
+        black_.emplace_back(x, y);
         continue;
       }
-      ray_x_[i] = static_cast<float>(normalized->x());
-      ray_y_[i] = static_cast<float>(normalized->y());
-      area_[i] = static_cast<float>(1.0 / J.determinant());
+      ray_x_[index(x, y)] = static_cast<float>(normalized->x());
+      ray_y_[index(x, y)] = static_cast<float>(normalized->y());
+      area_[index(x, y)] = static_cast<float>(1.0 / J.determinant());
     }
   }
 }
 
 void RoomRenderer::makeCones() {
-  for (int row = 0; row < tileRows(); ++row) {
-    for (int column = 0; column < tileColumns(); ++column) {
-      std::vector<Eigen::Vector3f> rays;
-      for (int y = row * kTileSize; y < std::min(height_, (row + 1) * kTileSize); ++y)
-        for (int x = column * kTileSize; x < std::min(width_, (column + 1) * kTileSize); ++x)
-          rays.push_back(
-              Eigen::Vector3f(ray_x_[y * stride_ + x], ray_y_[y * stride_ + x], 1.0F).normalized());
-      Eigen::Vector3f sum = Eigen::Vector3f::Zero();
-      for (const Eigen::Vector3f& ray : rays) sum += ray;
-      Cone cone;
-      cone.axis = sum.normalized();
-      cone.cosine = 1.0F;
-      for (const Eigen::Vector3f& ray : rays) cone.cosine = std::min(cone.cosine, cone.axis.dot(ray));
-      cone.cosine = std::cos(std::acos(cone.cosine) + 0.003F);  // subsamples lie a little outside
-      cone.sine = std::sqrt(1.0F - cone.cosine * cone.cosine);
-      cones_.push_back(cone);
+  for (int tile = 0; tile < tile_columns_ * tile_rows_; ++tile) {
+    const int x0 = tile % tile_columns_ * kTileSize, y0 = tile / tile_columns_ * kTileSize;
+    std::vector<Eigen::Vector3f> rays;
+    Eigen::Vector3f sum = Eigen::Vector3f::Zero();
+    for (int y = y0; y < std::min(height_, y0 + kTileSize); ++y) {
+      for (int x = x0; x < std::min(width_, x0 + kTileSize); ++x) {
+        rays.push_back(Eigen::Vector3f(ray_x_[index(x, y)], ray_y_[index(x, y)], 1.0F).normalized());
+        sum += rays.back();
+      }
     }
+    Cone cone;
+    cone.axis = sum.normalized();
+    cone.cosine = 1.0F;
+    for (const Eigen::Vector3f& ray : rays) cone.cosine = std::min(cone.cosine, cone.axis.dot(ray));
+    cone.cosine = std::cos(std::acos(cone.cosine) + 0.003F);  // subsamples lie a little outside
+    cone.sine = std::sqrt(1.0F - cone.cosine * cone.cosine);
+    cones_.push_back(cone);
   }
 }
 
@@ -133,6 +129,7 @@ void RoomRenderer::makeFaces(std::uint64_t seed) {
 void RoomRenderer::prepare(const Transform& T_WC) {
   R_WC_ = T_WC.rotationMatrix().cast<float>();
   const Eigen::Vector3d& origin = T_WC.translation;
+  const Transform T_CW = T_WC.inverse();
   slabs_.clear();
   spheres_.clear();
   for (int box = 0; box <= static_cast<int>(room_.obstacles.size()); ++box) {
@@ -143,30 +140,34 @@ void RoomRenderer::prepare(const Transform& T_WC) {
       slab.high[i] = static_cast<float>(bounds.max()(i) - origin(i));
     }
     slabs_.push_back(slab);
-    if (box == 0) continue;
-    // Spheres in a row along the longest side fit closer than one around all.
-    Eigen::Index longest;
-    const double length = bounds.sizes().maxCoeff(&longest);
-    Eigen::Vector3d size = bounds.sizes();
-    size(longest) = 0.0;
-    const int parts = std::max(1, static_cast<int>(std::ceil(length / std::max(0.1, size.maxCoeff()))));
-    size(longest) = length / parts;
-    for (int k = 0; k < parts; ++k) {
-      Eigen::Vector3d center = bounds.center();
-      center(longest) = bounds.min()(longest) + (k + 0.5) * size(longest);
-      Sphere sphere;
-      sphere.box = box;
-      sphere.center = (T_WC.inverse() * center).cast<float>();
-      sphere.distance = sphere.center.norm();
-      sphere.sine = std::min(1.0F, static_cast<float>(0.5 * size.norm()) / sphere.distance);
-      sphere.cosine = std::sqrt(1.0F - sphere.sine * sphere.sine);
-      sphere.everywhere = sphere.sine >= 1.0F;
-      spheres_.push_back(sphere);
-    }
+    if (box > 0) addSpheres(box, T_CW);
   }
   for (Face& face : faces_) {
     face.offset_u = 256.0F * (static_cast<float>(origin(face.axis_u)) * kTexelsPerMetre + face.shift_u);
     face.offset_v = 256.0F * (static_cast<float>(origin(face.axis_v)) * kTexelsPerMetre + face.shift_v);
+  }
+}
+
+// Spheres in a row along the longest side fit closer than one around all.
+void RoomRenderer::addSpheres(int box, const Transform& T_CW) {
+  const Eigen::AlignedBox3d& bounds = room_.obstacles[box - 1];
+  Eigen::Vector3d size = bounds.sizes();
+  Eigen::Index longest;
+  const double length = size.maxCoeff(&longest);
+  size(longest) = 0.0;
+  const int parts = std::max(1, static_cast<int>(std::ceil(length / std::max(0.1, size.maxCoeff()))));
+  size(longest) = length / parts;
+  for (int k = 0; k < parts; ++k) {
+    Eigen::Vector3d center = bounds.center();
+    center(longest) = bounds.min()(longest) + (k + 0.5) * size(longest);
+    Sphere sphere;
+    sphere.box = box;
+    sphere.center = (T_CW * center).cast<float>();
+    sphere.distance = sphere.center.norm();
+    sphere.sine = std::min(1.0F, static_cast<float>(0.5 * size.norm()) / sphere.distance);
+    sphere.cosine = std::sqrt(1.0F - sphere.sine * sphere.sine);
+    sphere.everywhere = sphere.sine >= 1.0F;
+    spheres_.push_back(sphere);
   }
 }
 
@@ -181,17 +182,20 @@ void RoomRenderer::findCandidates(const Cone& cone, std::vector<int>* boxes) con
   }
 }
 
-void RoomRenderer::castSpan(const float* ray_x, const float* ray_y, const std::vector<int>& boxes,
-                            Span* span) const {
-  // Local copies and plain conditional expressions: the compiler vectorises these loops.
-  float direction[3][kTileSize], inverse[3][kTileSize], depth[kTileSize];
-  std::int32_t face[kTileSize];
+void RoomRenderer::cast(const float* ray_x, const float* ray_y, int count, const std::vector<int>& boxes,
+                        Hits* hits) const {
+  // Local arrays and plain conditional expressions: the compiler vectorises these loops.
+  float inverse[3][kTilePixels];
   for (int k = 0; k < 3; ++k) {
-    rotateRays(R_WC_.row(k), ray_x, ray_y, direction[k]);
-    for (int i = 0; i < kTileSize; ++i) inverse[k][i] = 1.0F / direction[k][i];
+    const float r0 = R_WC_(k, 0), r1 = R_WC_(k, 1), r2 = R_WC_(k, 2);
+    float* direction = hits->direction[k];
+    for (int i = 0; i < count; ++i) direction[i] = r0 * ray_x[i] + r1 * ray_y[i] + r2;
+    for (int i = 0; i < count; ++i) inverse[k][i] = 1.0F / direction[i];
   }
+  float* depth = hits->depth;
+  std::int32_t* face = hits->face;
   const Slab walls = slabs_[0];
-  for (int i = 0; i < kTileSize; ++i) {
+  for (int i = 0; i < count; ++i) {
     const float x = larger(walls.low[0] * inverse[0][i], walls.high[0] * inverse[0][i]);
     const float y = larger(walls.low[1] * inverse[1][i], walls.high[1] * inverse[1][i]);
     const float z = larger(walls.low[2] * inverse[2][i], walls.high[2] * inverse[2][i]);
@@ -204,7 +208,7 @@ void RoomRenderer::castSpan(const float* ray_x, const float* ray_y, const std::v
   for (const int box : boxes) {
     const Slab slab = slabs_[box];
     const int base = 6 * box;
-    for (int i = 0; i < kTileSize; ++i) {
+    for (int i = 0; i < count; ++i) {
       const float x0 = slab.low[0] * inverse[0][i], x1 = slab.high[0] * inverse[0][i];
       const float y0 = slab.low[1] * inverse[1][i], y1 = slab.high[1] * inverse[1][i];
       const float z0 = slab.low[2] * inverse[2][i], z1 = slab.high[2] * inverse[2][i];
@@ -220,111 +224,109 @@ void RoomRenderer::castSpan(const float* ray_x, const float* ray_y, const std::v
       depth[i] = nearest;
     }
   }
-  std::memcpy(span->direction, direction, sizeof(direction));
-  std::memcpy(span->depth, depth, sizeof(depth));
-  std::memcpy(span->face, face, sizeof(face));
 }
 
-int RoomRenderer::shade(const Span& span, int i, float area) const {
-  const Face& face = faces_[span.face[i]];
-  const float depth = span.depth[i], scale = 256.0F * kTexelsPerMetre * depth;
-  const int u = static_cast<int>(face.offset_u + scale * span.direction[face.axis_u][i]);
-  const int v = static_cast<int>(face.offset_v + scale * span.direction[face.axis_v][i]);
-  const int level = mipLevel(depth, area, span.direction[face.axis][i]);
-  return face.texture->sample(u, v, level) * face.gain >> 8;
-}
-
-void RoomRenderer::shadeSpan(const Span& span, const float* area, int count, std::uint8_t* gray) const {
-  int different = 0;
-  for (int i = 1; i < kTileSize; ++i) different |= span.face[i] ^ span.face[0];
-  if (different != 0) {
-    for (int i = 0; i < count; ++i) gray[i] = static_cast<std::uint8_t>(shade(span, i, area[i]));
-    return;
-  }
-  // The usual case, one face: coordinates first, in a loop that is vectorised.
-  const Face& face = faces_[span.face[0]];
-  const float* along_u = span.direction[face.axis_u];
-  const float* along_v = span.direction[face.axis_v];
-  const float* along = span.direction[face.axis];
-  const float offset_u = face.offset_u, offset_v = face.offset_v;
+void RoomRenderer::shade(const Hits& hits, int begin, int end, const float* area, std::uint8_t* gray) const {
   std::int32_t u[kTileSize], v[kTileSize], level[kTileSize];
-  for (int i = 0; i < kTileSize; ++i) {
-    const float scale = 256.0F * kTexelsPerMetre * span.depth[i];
-    u[i] = static_cast<std::int32_t>(offset_u + scale * along_u[i]);
-    v[i] = static_cast<std::int32_t>(offset_v + scale * along_v[i]);
-    level[i] = mipLevel(span.depth[i], area[i], along[i]);
+  while (begin < end) {
+    // A run of pixels on one face: coordinates first, in a loop that is vectorised.
+    int stop = begin + 1;
+    while (stop < end && stop - begin < kTileSize && hits.face[stop] == hits.face[begin]) ++stop;
+    const Face& face = faces_[hits.face[begin]];
+    const float* along_u = hits.direction[face.axis_u] + begin;
+    const float* along_v = hits.direction[face.axis_v] + begin;
+    const float* along = hits.direction[face.axis] + begin;
+    const float* depth = hits.depth + begin;
+    const float offset_u = face.offset_u, offset_v = face.offset_v;
+    const int count = stop - begin;
+    for (int i = 0; i < count; ++i) {
+      const float scale = 256.0F * kTexelsPerMetre * depth[i];
+      u[i] = static_cast<std::int32_t>(offset_u + scale * along_u[i]);
+      v[i] = static_cast<std::int32_t>(offset_v + scale * along_v[i]);
+      level[i] = mipLevel(depth[i], area[i], along[i]);
+    }
+    const MipTexture& texture = *face.texture;
+    for (int i = 0; i < count; ++i)
+      gray[i] = static_cast<std::uint8_t>(texture.sample(u[i], v[i], level[i]) * face.gain >> 8);
+    begin = stop;
+    area += count;
+    gray += count;
   }
-  const MipTexture& texture = *face.texture;
-  for (int i = 0; i < count; ++i)
-    gray[i] = static_cast<std::uint8_t>(texture.sample(u[i], v[i], level[i]) * face.gain >> 8);
 }
 
 void RoomRenderer::renderTile(int tile, cv::Mat* image) {
-  const int x = tile % tileColumns() * kTileSize, y = tile / tileColumns() * kTileSize;
+  const int x = tile % tile_columns_ * kTileSize, y = tile / tile_columns_ * kTileSize;
   const int columns = std::min(kTileSize, width_ - x), rows = std::min(kTileSize, height_ - y);
+  const int first = tile * kTilePixels;
   findCandidates(cones_[tile], &candidates_[tile]);
-  Span span;
+  Hits hits;
+  cast(&ray_x_[first], &ray_y_[first], kTilePixels, candidates_[tile], &hits);
   int different = 0;
-  for (int row = 0; row < rows; ++row) {
-    const int first = (y + row) * stride_ + x;
-    castSpan(&ray_x_[first], &ray_y_[first], candidates_[tile], &span);
-    shadeSpan(span, &area_[first], columns, image->ptr<std::uint8_t>(y + row) + x);
-    for (int i = 0; i < columns; ++i) {
-      face_of_[first + i] = static_cast<std::uint8_t>(span.face[i]);
-      different |= face_of_[first + i] ^ face_of_[y * stride_ + x];
-    }
+  for (int i = 0; i < kTilePixels; ++i) {
+    face_of_[first + i] = static_cast<std::uint8_t>(hits.face[i]);
+    different |= hits.face[i] ^ hits.face[0];
   }
-  tile_face_[tile] = different == 0 ? face_of_[y * stride_ + x] : -1;
+  tile_face_[tile] = different == 0 ? hits.face[0] : -1;
+  for (int row = 0; row < rows; ++row) {
+    const int begin = row * kTileSize;
+    shade(hits, begin, begin + columns, &area_[first + begin], image->ptr<std::uint8_t>(y + row) + x);
+  }
 }
 
 bool RoomRenderer::hasEdges(int tile) const {
-  const int face = tile_face_[tile], column = tile % tileColumns(), row = tile / tileColumns();
+  const int face = tile_face_[tile], column = tile % tile_columns_, row = tile / tile_columns_;
   return face < 0 || (column > 0 && tile_face_[tile - 1] != face) ||
-         (column + 1 < tileColumns() && tile_face_[tile + 1] != face) ||
-         (row > 0 && tile_face_[tile - tileColumns()] != face) ||
-         (row + 1 < tileRows() && tile_face_[tile + tileColumns()] != face);
+         (column + 1 < tile_columns_ && tile_face_[tile + 1] != face) ||
+         (row > 0 && tile_face_[tile - tile_columns_] != face) ||
+         (row + 1 < tile_rows_ && tile_face_[tile + tile_columns_] != face);
 }
 
 void RoomRenderer::smoothEdges(int tile, cv::Mat* image) const {
-  const int x0 = tile % tileColumns() * kTileSize, y0 = tile / tileColumns() * kTileSize;
-  std::vector<int> pixels;
+  const int x0 = tile % tile_columns_ * kTileSize, y0 = tile / tile_columns_ * kTileSize;
+  std::vector<cv::Point> pixels;
   for (int y = y0; y < std::min(height_, y0 + kTileSize); ++y) {
     for (int x = x0; x < std::min(width_, x0 + kTileSize); ++x) {
-      const int i = y * stride_ + x;
-      const std::uint8_t face = face_of_[i];
-      const bool edge = (x > 0 && face_of_[i - 1] != face) || (x + 1 < width_ && face_of_[i + 1] != face) ||
-                        (y > 0 && face_of_[i - stride_] != face) ||
-                        (y + 1 < height_ && face_of_[i + stride_] != face);
-      if (edge) pixels.push_back(i);
+      const std::uint8_t face = face_of_[index(x, y)];
+      const bool edge = (x > 0 && face_of_[index(x - 1, y)] != face) ||
+                        (x + 1 < width_ && face_of_[index(x + 1, y)] != face) ||
+                        (y > 0 && face_of_[index(x, y - 1)] != face) ||
+                        (y + 1 < height_ && face_of_[index(x, y + 1)] != face);
+      if (edge) pixels.emplace_back(x, y);
     }
   }
   smoothPixels(pixels, candidates_[tile], image);
 }
 
-void RoomRenderer::smoothPixels(const std::vector<int>& pixels, const std::vector<int>& boxes,
+void RoomRenderer::smoothPixels(const std::vector<cv::Point>& pixels, const std::vector<int>& boxes,
                                 cv::Mat* image) const {
-  constexpr int kPerSpan = kTileSize / kSubsamples;
-  for (std::size_t begin = 0; begin < pixels.size(); begin += kPerSpan) {
-    const int count = static_cast<int>(std::min<std::size_t>(kPerSpan, pixels.size() - begin));
-    float ray_x[kTileSize] = {}, ray_y[kTileSize] = {};
+  constexpr int kBatch = kTilePixels / kSubsamples;
+  float ray_x[kTilePixels], ray_y[kTilePixels], area[kTilePixels];
+  std::uint8_t gray[kTilePixels];
+  Hits hits;
+  for (std::size_t begin = 0; begin < pixels.size(); begin += kBatch) {
+    const int count = static_cast<int>(std::min<std::size_t>(kBatch, pixels.size() - begin));
     for (int k = 0; k < count; ++k) {
-      const int i = pixels[begin + k], x = i % stride_, y = i / stride_;
+      const cv::Point p = pixels[begin + k];
+      const int i = index(p.x, p.y);
       // Rays between pixels by linear interpolation.
-      const int across = x + 1 < width_ ? i : i - 1, down = y + 1 < height_ ? i : i - stride_;
+      const int left = std::min(p.x, width_ - 2), top = std::min(p.y, height_ - 2);
+      const int x0 = index(left, p.y), x1 = index(left + 1, p.y), y0 = index(p.x, top),
+                y1 = index(p.x, top + 1);
       for (int s = 0; s < kSubsamples; ++s) {
-        ray_x[k * kSubsamples + s] = ray_x_[i] + kSubsampleX[s] * (ray_x_[across + 1] - ray_x_[across]) +
-                                     kSubsampleY[s] * (ray_x_[down + stride_] - ray_x_[down]);
-        ray_y[k * kSubsamples + s] = ray_y_[i] + kSubsampleX[s] * (ray_y_[across + 1] - ray_y_[across]) +
-                                     kSubsampleY[s] * (ray_y_[down + stride_] - ray_y_[down]);
+        const int n = k * kSubsamples + s;
+        ray_x[n] = ray_x_[i] + kSubsampleX[s] * (ray_x_[x1] - ray_x_[x0]) +
+                   kSubsampleY[s] * (ray_x_[y1] - ray_x_[y0]);
+        ray_y[n] = ray_y_[i] + kSubsampleX[s] * (ray_y_[x1] - ray_y_[x0]) +
+                   kSubsampleY[s] * (ray_y_[y1] - ray_y_[y0]);
+        area[n] = area_[i];
       }
     }
-    Span span;
-    castSpan(ray_x, ray_y, boxes, &span);
+    cast(ray_x, ray_y, count * kSubsamples, boxes, &hits);
+    shade(hits, 0, count * kSubsamples, area, gray);
     for (int k = 0; k < count; ++k) {
-      const int i = pixels[begin + k];
       int sum = kSubsamples / 2;
-      for (int s = 0; s < kSubsamples; ++s) sum += shade(span, k * kSubsamples + s, area_[i]);
-      image->at<std::uint8_t>(i / stride_, i % stride_) = static_cast<std::uint8_t>(sum / kSubsamples);
+      for (int s = 0; s < kSubsamples; ++s) sum += gray[k * kSubsamples + s];
+      image->at<std::uint8_t>(pixels[begin + k]) = static_cast<std::uint8_t>(sum / kSubsamples);
     }
   }
 }
@@ -332,11 +334,11 @@ void RoomRenderer::smoothPixels(const std::vector<int>& pixels, const std::vecto
 void RoomRenderer::render(const Transform& T_WC, cv::Mat* image) {
   image->create(height_, width_, CV_8UC1);
   prepare(T_WC);
-  const int tiles = static_cast<int>(cones_.size());
+  const int tiles = tile_columns_ * tile_rows_;
   for (int tile = 0; tile < tiles; ++tile) renderTile(tile, image);
   for (int tile = 0; tile < tiles; ++tile)
     if (hasEdges(tile)) smoothEdges(tile, image);
-  for (const int i : black_) image->at<std::uint8_t>(i / stride_, i % stride_) = 0;
+  for (const cv::Point& pixel : black_) image->at<std::uint8_t>(pixel) = 0;
 }
 
 }  // namespace autocal_vio

@@ -8,7 +8,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
-#include <opencv2/core/mat.hpp>
+#include <opencv2/core.hpp>
 #include <vector>
 
 #include "autocal_vio/camera/camera_model.h"
@@ -31,7 +31,8 @@ class RoomRenderer {
   void render(const Transform& T_WC, cv::Mat* image);
 
  private:
-  static constexpr int kTileSize = 16;  ///< pixels are worked on in square tiles and rows of this length
+  static constexpr int kTileSize = 16;  ///< pixels are worked on in square tiles
+  static constexpr int kTilePixels = kTileSize * kTileSize;
 
   /// How one face of a box is painted.
   struct Face {
@@ -58,29 +59,34 @@ class RoomRenderer {
     float distance, cosine, sine;  ///< cosine and sine of half the angle under which it is seen
     bool everywhere;               ///< the camera is inside it
   };
-  struct Span;
+  struct Hits;
 
   void makeRays(const CameraModel& camera);
   void makeCones();
   void makeFaces(std::uint64_t seed);
   void prepare(const Transform& T_WC);
+  void addSpheres(int box, const Transform& T_CW);
   void findCandidates(const Cone& cone, std::vector<int>* boxes) const;
-  void castSpan(const float* ray_x, const float* ray_y, const std::vector<int>& boxes, Span* span) const;
-  int shade(const Span& span, int i, float area) const;
-  void shadeSpan(const Span& span, const float* area, int count, std::uint8_t* gray) const;
+  void cast(const float* ray_x, const float* ray_y, int count, const std::vector<int>& boxes,
+            Hits* hits) const;
+  void shade(const Hits& hits, int begin, int end, const float* area, std::uint8_t* gray) const;
   void renderTile(int tile, cv::Mat* image);
   bool hasEdges(int tile) const;
   void smoothEdges(int tile, cv::Mat* image) const;
-  void smoothPixels(const std::vector<int>& pixels, const std::vector<int>& boxes, cv::Mat* image) const;
-  int tileColumns() const { return stride_ / kTileSize; }
-  int tileRows() const { return (height_ + kTileSize - 1) / kTileSize; }
+  void smoothPixels(const std::vector<cv::Point>& pixels, const std::vector<int>& boxes,
+                    cv::Mat* image) const;
+  /// Of a pixel in the arrays below: tile by tile, row by row in the tile.
+  int index(int x, int y) const {
+    return (y / kTileSize * tile_columns_ + x / kTileSize) * kTilePixels + y % kTileSize * kTileSize +
+           x % kTileSize;
+  }
 
   Room room_;
-  int width_, height_, stride_;  ///< stride: width rounded up to whole tiles
+  int width_, height_, tile_columns_, tile_rows_;
   std::vector<MipTexture> textures_;
   std::vector<Face> faces_;  ///< six of the walls, then six of each obstacle: -x +x -y +y -z +z
   std::vector<float> ray_x_, ray_y_, area_;  ///< per pixel: normalised coordinates, |d normalised / d pixel|
-  std::vector<int> black_;                   ///< pixels that see nothing
+  std::vector<cv::Point> black_;             ///< pixels that see nothing
   std::vector<Cone> cones_;
 
   // Of the image being rendered.
