@@ -94,11 +94,18 @@ void integratePair(const Vector3d& bias, double td, double noise_density, Rotati
   const TimeNs shift = fromSeconds(td);
   pair->gyro = integrateGyroscope(pair->samples, pair->begin + shift, pair->end + shift, bias, noise_density);
   pair->gyro_bias = bias;
+  pair->td = td;
 }
 
 Quaterniond correctedGyroRotation(const RotationPair& pair, const Vector3d& bias) {
   const Vector3d correction = pair.gyro.bias_jacobian * (bias - pair.gyro_bias);
   return (pair.gyro.R_Bi_Bj * expSo3(correction)).normalized();
+}
+
+Quaterniond correctedGyroRotation(const RotationPair& pair, const Vector3d& bias, double td) {
+  const double dt = td - pair.td;
+  const Vector3d before = -dt * pair.gyro.angular_velocity_i, after = dt * pair.gyro.angular_velocity_j;
+  return (expSo3(before) * correctedGyroRotation(pair, bias) * expSo3(after)).normalized();
 }
 
 std::optional<HandEyeRotation> handEyeRotation(const std::vector<RotationPair>& pairs, const Vector3d& bias,

@@ -24,6 +24,7 @@ constexpr double kDegree = 3.14159265358979323846 / 180.0;
 constexpr double kMargin = 0.1;                 // gyroscope samples beyond a pair's interval, for td [s]
 constexpr double kLongestGap = 0.05;            // between gyroscope samples of a pair [s]
 constexpr double kPredictable = 3.0 * kDegree;  // R_BC known so well predicts the camera's rotation
+constexpr double kSettled = 1.0 * kDegree;
 constexpr std::size_t kStableSolutions = 3;
 constexpr double kObservable = 2.0;  // times the limit of acceptance
 
@@ -207,7 +208,9 @@ void RotationCalibrator::solve() {
                        std::to_string(options_.min_pairs);
     return;
   }
-  const auto solution = calibrateRotation(previous_, refinement_, &pairs_);
+  // A fresh start finds the way out of a wrong solution; a good one does not need it.
+  const bool afresh = !refinement_.rotation_prior && estimate_.sigma.maxCoeff() > kSettled;
+  const auto solution = calibrateRotation(previous_, afresh, refinement_, &pairs_);
   if (!solution) {
     estimate_.reason = "the rotations do not determine R_BC";
     return;

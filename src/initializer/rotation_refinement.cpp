@@ -106,22 +106,28 @@ RotationState moved(const RotationState& state, const Vector7d& step,
   return result;
 }
 
+// First order is enough as long as bias and td are near to where a pair was integrated.
 void integrateAll(const RotationState& state, const RotationRefinementOptions& options,
                   std::vector<RotationPair>* pairs) {
-  for (RotationPair& pair : *pairs)
-    integratePair(state.gyroscope_bias, state.td, options.gyroscope_noise_density, &pair);
+  constexpr double kNearBias = 3e-3, kNearTd = 5e-4;  // [rad/s], [s]
+  for (RotationPair& pair : *pairs) {
+    const bool near =
+        (state.gyroscope_bias - pair.gyro_bias).norm() < kNearBias && std::abs(state.td - pair.td) < kNearTd;
+    if (!near) integratePair(state.gyroscope_bias, state.td, options.gyroscope_noise_density, &pair);
+  }
 }
 
 }  // namespace
 
 RotationResidual rotationResidual(const RotationPair& pair, const RotationState& state) {
   const Quaterniond seen = state.R_BC * pair.R_Ci_Cj * state.R_BC.conjugate();
+  const Quaterniond R_Bi_Bj = correctedGyroRotation(pair, state.gyroscope_bias, state.td);
   RotationResidual result;
-  result.residual = logSo3((pair.gyro.R_Bi_Bj.conjugate() * seen).normalized());
+  result.residual = logSo3((R_Bi_Bj.conjugate() * seen).normalized());
   const Matrix3d right = rightJacobianInverseSo3(result.residual);
   const Matrix3d left = rightJacobianInverseSo3(-result.residual);
   const Matrix3d R_BC = state.R_BC.toRotationMatrix();
-  const Matrix3d R_Bj_Bi = pair.gyro.R_Bi_Bj.conjugate().toRotationMatrix();
+  const Matrix3d R_Bj_Bi = R_Bi_Bj.conjugate().toRotationMatrix();
   // R_BC Exp(d) R_C Exp(-d) R_CB = R_BC R_C R_CB Exp(R_BC (R_C^T - I) d), and R_BC R_C^T = R_Bj_Bi R_BC.
   result.jacobian.leftCols<3>() = right * (R_Bj_Bi - Matrix3d::Identity()) * R_BC;
   result.jacobian.middleCols<3>(3) = -left * pair.gyro.bias_jacobian;
@@ -191,10 +197,11 @@ std::optional<RotationCalibration> refineRotation(const RotationState& start,
 }
 
 std::optional<RotationCalibration> calibrateRotation(const std::optional<RotationState>& previous,
-                                                     const RotationRefinementOptions& options,
+                                                     bool afresh, const RotationRefinementOptions& options,
                                                      std::vector<RotationPair>* pairs) {
   std::optional<RotationCalibration> best;
   if (previous) best = refineRotation(*previous, options, pairs);
+  if (best && !afresh) return best;
   integrateAll(RotationState{Quaterniond::Identity(), Vector3d::Zero(), options.td}, options, pairs);
   const auto start = alternateHandEye(*pairs, options.hand_eye_threshold, options.td);
   if (!start) return best;

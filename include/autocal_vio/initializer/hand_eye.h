@@ -42,6 +42,7 @@ struct RotationPair {
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();         ///< of its right perturbation [rad^2]
   GyroIncrement gyro;                                           ///< at gyro_bias
   Eigen::Vector3d gyro_bias = Eigen::Vector3d::Zero();  ///< the increment was integrated about [rad/s]
+  double td = 0.0;                                      ///< and at [s]
   std::vector<GyroSample> samples;  ///< from some time before the interval to some time after, for any td
 };
 
@@ -50,6 +51,9 @@ void integratePair(const Eigen::Vector3d& bias, double td, double noise_density,
 
 /// R_Bi_Bj of a pair at another bias, to first order, Eq. (4).
 Eigen::Quaterniond correctedGyroRotation(const RotationPair& pair, const Eigen::Vector3d& bias);
+
+/// The same at another time offset too: the ends of the interval move with their angular velocity.
+Eigen::Quaterniond correctedGyroRotation(const RotationPair& pair, const Eigen::Vector3d& bias, double td);
 
 struct HandEyeRotation {
   Eigen::Quaterniond R_BC = Eigen::Quaterniond::Identity();

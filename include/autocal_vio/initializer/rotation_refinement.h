@@ -49,7 +49,7 @@ struct RotationResidual {
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();  ///< of the residual [rad^2]
 };
 
-/// `pair` must have been integrated at the state's bias and td.
+/// To first order about the bias and td that `pair` was integrated at.
 RotationResidual rotationResidual(const RotationPair& pair, const RotationState& state);
 
 struct RotationCalibration {
@@ -64,15 +64,16 @@ struct RotationCalibration {
 /// Eq. (6)-(12) iterated until rotation and bias agree.
 std::optional<RotationState> alternateHandEye(const std::vector<RotationPair>& pairs, double t0, double td);
 
-/// Joint refinement from `start`; integrates the pairs again at the states it visits. Nothing when it diverges or the
+/// Joint refinement from `start`; integrates the pairs again where the state moves far. Nothing when it diverges or the
 /// result is not finite.
 std::optional<RotationCalibration> refineRotation(const RotationState& start,
                                                   const RotationRefinementOptions& options,
                                                   std::vector<RotationPair>* pairs);
 
-/// Everything: starts from alternateHandEye and from `previous` (where given), refines both, returns the better.
+/// Everything: refines from `previous` (where given) and, where that is not given or `afresh`, from alternateHandEye
+/// too; returns the better.
 std::optional<RotationCalibration> calibrateRotation(const std::optional<RotationState>& previous,
-                                                     const RotationRefinementOptions& options,
+                                                     bool afresh, const RotationRefinementOptions& options,
                                                      std::vector<RotationPair>* pairs);
 
 }  // namespace autocal_vio

@@ -1,0 +1,201 @@
+#include "autocal_vio/initializer/rotation_calibrator.h"
+
+#include <gtest/gtest.h>
+
+#include <ctime>
+#include <stdexcept>
+
+#include "autocal_vio/geometry/so3.h"
+#include "autocal_vio/sim/feature_simulator.h"
+
+namespace autocal_vio {
+namespace {
+
+using Eigen::Vector3d;
+
+constexpr double kDegree = 3.14159265358979323846 / 180.0;
+
+struct RunResult {
+  RotationEstimate at_acceptance, last;
+  double accepted_after = -1.0;  // [s]
+  bool ever_accepted = false;
+  double ms_per_frame = 0.0;
+};
+
+// Feeds the IMU up to 5 ms beyond each image, as the pipeline does.
+RunResult run(const FeatureDataset& data, RotationCalibrator* calibrator, double until = 1e9) {
+  RunResult result;
+  ImuBuffer imu(2 * kNsPerSecond);
+  std::size_t next = 0;
+  const std::clock_t begin = std::clock();
+  int frames = 0;
+  for (const FeatureFrame& frame : data.frames) {
+    const double t = toSeconds(frame.stamp - data.frames.front().stamp);
+    if (t > until) break;
+    while (next < data.imu.size() && data.imu[next].stamp <= frame.stamp + 5000000 + fromSeconds(data.rig.td))
+      imu.add(data.imu[next++]);
+    calibrator->addFrame(frame, imu);
+    ++frames;
+    if (calibrator->estimate().accepted && !result.ever_accepted) {
+      result.ever_accepted = true;
+      result.accepted_after = t;
+      result.at_acceptance = calibrator->estimate();
+    }
+  }
+  result.last = calibrator->estimate();
+  result.ms_per_frame = 1e3 * static_cast<double>(std::clock() - begin) / CLOCKS_PER_SEC / frames;
+  return result;
+}
+
+RotationCalibrator makeCalibrator(const FeatureDataset& data) {
+  const CameraModel camera(*data.rig.rig.camera);
+  return RotationCalibrator(camera.focalLength(), data.rig.rig.imu_noise, TimeOffsetPrior{0.0, 0.02},
+                            RotationCalibratorOptions());
+}
+
+Vector3d errorOf(const RotationEstimate& estimate, const FeatureDataset& data) {
+  return logSo3((data.rig.T_imu_cam.rotation.conjugate() * estimate.R_BC).normalized());
+}
+
+double nees(const RotationEstimate& estimate, const FeatureDataset& data) {
+  const Vector3d error = errorOf(estimate, data);
+  return error.dot(estimate.covariance.inverse() * error);
+}
+
+void checkSeeds(const char* name, FeatureSimulationOptions (*make)(std::uint64_t), int seeds,
+                double worst_deg) {
+  double mean_nees = 0.0, mean_time = 0.0, worst = 0.0, worst_last = 0.0, mean_ms = 0.0, last_nees = 0.0;
+  for (int seed = 1; seed <= seeds; ++seed) {
+    FeatureSimulationOptions options = make(static_cast<std::uint64_t>(seed));
+    options.motion.duration = 9.0;
+    options.random_rig.td = 0.003 * (seed % 7 - 3);
+    const FeatureDataset data = simulateFeatures(options);
+    RotationCalibrator calibrator = makeCalibrator(data);
+    const RunResult result = run(data, &calibrator);
+    ASSERT_TRUE(result.ever_accepted) << "seed " << seed << ": " << result.last.reason;
+    const double error = errorOf(result.at_acceptance, data).norm() / kDegree;
+    EXPECT_LT(error, worst_deg) << "seed " << seed << " after " << result.accepted_after << " s";
+    EXPECT_LT(nees(result.at_acceptance, data), 30.0) << "seed " << seed;
+    const double error_td = result.at_acceptance.td - data.rig.td;
+    EXPECT_LT(std::abs(error_td), 4.5 * result.at_acceptance.sigma_td) << "seed " << seed;
+    worst = std::max(worst, error);
+    worst_last = std::max(worst_last, errorOf(result.last, data).norm() / kDegree);
+    mean_nees += nees(result.at_acceptance, data) / seeds;
+    last_nees += nees(result.last, data) / seeds;
+    mean_time += result.accepted_after / seeds;
+    mean_ms += result.ms_per_frame / seeds;
+  }
+  std::printf(
+      "%s: accepted after %.1f s (mean), error there at most %.2f deg, NEES %.1f of 3; after 9 s at most "
+      "%.2f deg, NEES %.1f; %.2f ms per image\n",
+      name, mean_time, worst, mean_nees, worst_last, last_nees, mean_ms);
+  EXPECT_LT(mean_nees, 9.0);
+}
+
+TEST(RotationCalibrator, EurocNoise) {
+  checkSeeds("euroc", FeatureSimulationOptions::euroc, 20, 0.5);
+}
+
+TEST(RotationCalibrator, DriftingTracks) {
+  checkSeeds("realistic", FeatureSimulationOptions::realistic, 20, 0.8);
+}
+
+TEST(RotationCalibrator, ExactData) {
+  checkSeeds("exact", FeatureSimulationOptions::exact, 3, 0.02);
+}
+
+RunResult runMotion(MotionKind kind, double duration, FeatureDataset* data) {
+  FeatureSimulationOptions options = FeatureSimulationOptions::realistic(5);
+  options.motion.kind = kind;
+  options.motion.duration = duration;
+  *data = simulateFeatures(options);
+  RotationCalibrator calibrator = makeCalibrator(*data);
+  return run(*data, &calibrator);
+}
+
+TEST(RotationCalibrator, StandstillIsNeverAccepted) {
+  FeatureDataset data;
+  const RunResult result = runMotion(MotionKind::kStandstill, 15.0, &data);
+  EXPECT_FALSE(result.ever_accepted);
+  EXPECT_NE(result.last.reason.find("too little rotation"), std::string::npos) << result.last.reason;
+  EXPECT_NE(result.last.motion_advice.find("two axes"), std::string::npos);
+  for (bool observable : result.last.axis_observable) EXPECT_FALSE(observable);
+  EXPECT_GT(result.last.sigma.maxCoeff(), 2.0 * kDegree);
+}
+
+TEST(RotationCalibrator, TranslationOnlyIsNeverAccepted) {
+  FeatureDataset data;
+  const RunResult result = runMotion(MotionKind::kStraightLine, 15.0, &data);
+  EXPECT_FALSE(result.ever_accepted);
+  EXPECT_FALSE(result.last.motion_advice.empty());
+}
+
+TEST(RotationCalibrator, OneAxisIsNeverAccepted) {
+  for (MotionKind kind : {MotionKind::kOneAxisRotation, MotionKind::kPlanar}) {
+    FeatureDataset data;
+    const RunResult result = runMotion(kind, 25.0, &data);
+    EXPECT_FALSE(result.ever_accepted);
+    EXPECT_EQ(result.last.reason, "rotation about one axis only");
+    EXPECT_NE(result.last.motion_advice.find("rotate about the camera's"), std::string::npos);
+    EXPECT_GT(result.last.sigma.maxCoeff(), 1.0 * kDegree);
+    EXPECT_LE(result.last.pairs, RotationCalibratorOptions().max_pairs);
+  }
+}
+
+TEST(RotationCalibrator, PureRotationIsEnough) {
+  FeatureDataset data;
+  const RunResult result = runMotion(MotionKind::kPureRotation, 20.0, &data);
+  ASSERT_TRUE(result.ever_accepted) << result.last.reason;
+  EXPECT_LT(errorOf(result.at_acceptance, data).norm(), 0.5 * kDegree);
+}
+
+TEST(RotationCalibrator, PriorGivesBiasWithLittleMotion) {
+  FeatureSimulationOptions options = FeatureSimulationOptions::euroc(3);
+  options.motion.kind = MotionKind::kStandstill;
+  options.motion.duration = 4.0;
+  const FeatureDataset data = simulateFeatures(options);
+  RotationCalibrator calibrator = makeCalibrator(data);
+  calibrator.setRotationPrior(data.rig.T_imu_cam.rotation, 0.01);
+  const RunResult result = run(data, &calibrator);
+  EXPECT_LT((result.last.gyroscope_bias - data.rig.gyroscope_bias).norm(), 0.003);
+  EXPECT_LT(errorOf(result.last, data).norm(), 0.02);
+}
+
+TEST(RotationCalibrator, SameInputSameOutput) {
+  FeatureSimulationOptions options = FeatureSimulationOptions::realistic(4);
+  options.motion.duration = 6.0;
+  const FeatureDataset data = simulateFeatures(options);
+  RotationCalibrator a = makeCalibrator(data), b = makeCalibrator(data);
+  const RunResult first = run(data, &a), second = run(data, &b);
+  EXPECT_EQ(first.last.R_BC.coeffs(), second.last.R_BC.coeffs());
+  EXPECT_EQ(first.last.covariance, second.last.covariance);
+}
+
+TEST(RotationCalibrator, SurvivesFramesWithoutFeaturesOrImu) {
+  RotationCalibrator calibrator(450.0, ImuNoise(), TimeOffsetPrior(), RotationCalibratorOptions());
+  const ImuBuffer imu(kNsPerSecond);
+  for (int i = 0; i < 100; ++i) {
+    FeatureFrame frame;
+    frame.stamp = i * 50000000LL;
+    calibrator.addFrame(frame, imu);
+  }
+  EXPECT_FALSE(calibrator.estimate().accepted);
+  EXPECT_NE(calibrator.estimate().reason.find("too few points"), std::string::npos)
+      << calibrator.estimate().reason;
+}
+
+TEST(RotationCalibrator, RefusesImpossibleOptions) {
+  RotationCalibratorOptions options;
+  options.max_sigma_deg = -1.0;
+  options.max_span = 0.1;
+  try {
+    RotationCalibrator(450.0, ImuNoise(), TimeOffsetPrior(), options);
+    FAIL() << "accepted";
+  } catch (const std::invalid_argument& error) {
+    EXPECT_NE(std::string(error.what()).find("max_sigma_deg"), std::string::npos);
+    EXPECT_NE(std::string(error.what()).find("min_span"), std::string::npos);
+  }
+}
+
+}  // namespace
+}  // namespace autocal_vio
