@@ -212,6 +212,10 @@ InitializedProblem CalibratingInitializer::buildProblem(const Attempt& attempt) 
                              NoiseAdaptation(noise_, kLargestNoiseFactor)};
   VisualInertialGraph& graph = problem.graph;
   graph.calibration().setTransform(Transform(attempt.R_BC, alignment.p_BC));
+  if (hold_prior_) {
+    graph.calibration().setTransform(prior_->T_imu_cam);
+    graph.calibration().rotation_held = graph.calibration().translation_held = true;
+  }
   graph.calibration().td = attempt.td;
 
   const Transform T_CB = graph.calibration().T_BC().inverse();

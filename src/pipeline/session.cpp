@@ -43,7 +43,10 @@ Session::Session(double focal_length, const RigModel& rig, const VioOptions& opt
   initializer_ = std::make_unique<CalibratingInitializer>(
       focal_length, rig.imu_noise, rig.extrinsics_prior, rig.time_offset_prior, options.initializer,
       options.rotation_calibrator, graphOptions(options.estimator));
-  if (options.fix_extrinsics) hold_rotation_ = hold_translation_ = true;
+  if (options.fix_extrinsics) {
+    hold_rotation_ = hold_translation_ = true;
+    initializer_->holdPrior();
+  }
 }
 
 double Session::td() const {

@@ -53,6 +53,9 @@ class CalibratingInitializer {
   /// Adds the tracks of the next image; the IMU covers its stamp + td(). Returns the problem once solved.
   std::optional<InitializedProblem> addFrame(const FeatureFrame& frame, const ImuBuffer& imu);
 
+  /// The extrinsics given as a prior keep every bit, from the first batch on. Without a prior it does nothing.
+  void holdPrior() { hold_prior_ = prior_.has_value(); }
+
   const InitializerStatus& status() const { return status_; }
 
   /// The present guess of the time offset [s].
@@ -83,6 +86,7 @@ class CalibratingInitializer {
   GraphOptions graph_options_;
   RotationCalibrator rotation_calibrator_;
   std::deque<FeatureFrame> keyframes_;
+  bool hold_prior_ = false;
   TimeNs last_attempt_ = 0;
   InitializerStatus status_;
 };
