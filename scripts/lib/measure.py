@@ -174,9 +174,9 @@ def live(table, arguments):
     table.below('live', 'first odometry after', figures.get('first_pose_s'), 12, 's')
     table.below('live', 'rotation at the end', figures.get('rotation_deg'), 0.7, 'deg')
     table.below('live', 'ATE', figures.get('ate_m'), 0.25, 'm')
-    latency = counts.get('latency_ms') or {}
-    for name in ('median', 'p99', 'max'):
-        table.inform('live', 'latency, ' + name, '%s ms' % latency.get(name))
+    for key, text in (('latency_ms', 'image received to status'), ('odometry_delay_ms', 'image stamp to odometry')):
+        for name in ('median', 'p95', 'max'):
+            table.inform('live', '%s, %s' % (text, name), '%s ms' % (counts.get(key) or {}).get(name))
 
 
 def standstill(table, arguments):

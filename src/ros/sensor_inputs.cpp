@@ -13,8 +13,9 @@ namespace {
 constexpr std::uint32_t kImageQueue = 20;
 constexpr std::uint32_t kImuQueue = 2000;
 constexpr std::size_t kArrivalsKept = 256;
-constexpr double kLargestTimeStep = 5.0;   // of the ROS time between two looks at it [s]
-constexpr double kClocksDisagree = 1.0;    // between the newest stamps of image and IMU [s]
+constexpr double kRateTolerance = 0.75;   // stamps jitter: closer than this share of an interval is too close
+constexpr double kLargestTimeStep = 5.0;  // of the ROS time between two looks at it [s]
+constexpr double kClocksDisagree = 1.0;   // between the newest stamps of image and IMU [s]
 constexpr double kClockStandsStill = 2.0;  // wall clock [s]
 
 std::string seconds(double value) {
@@ -25,8 +26,8 @@ std::string seconds(double value) {
 
 }  // namespace
 
-SensorInputs::SensorInputs(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh, FrameNames* frames,
-                           ThrottledLog* log, SensorSinks sinks)
+SensorInputs::SensorInputs(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh,
+                           double max_image_rate, FrameNames* frames, ThrottledLog* log, SensorSinks sinks)
     : nh_(nh),
       private_nh_(private_nh),
       frames_(frames),
@@ -36,8 +37,11 @@ SensorInputs::SensorInputs(const ros::NodeHandle& nh, const ros::NodeHandle& pri
       imu_topic_(nh.resolveName("imu")),
       image_watch_("image", image_topic_, 0.0),
       imu_watch_("IMU message", imu_topic_, 0.0),
+      least_interval_(fromSeconds(kRateTolerance / max_image_rate)),
       last_ros_time_(ros::Time::now()),
-      ros_time_changed_(ros::WallTime::now()) {}
+      ros_time_changed_(ros::WallTime::now()),
+      image_topics_(ros::message_traits::datatype<sensor_msgs::Image>(), private_nh.getNamespace()),
+      imu_topics_(ros::message_traits::datatype<sensor_msgs::Imu>(), private_nh.getNamespace()) {}
 
 void SensorInputs::subscribe() {
   const ros::TransportHints no_delay = ros::TransportHints().tcpNoDelay();
@@ -63,12 +67,24 @@ void SensorInputs::watch() {
   if (step < -0.1 && ros::Time::isSimTime()) clockJumped("ROS time went back by " + seconds(-step));
 }
 
-std::optional<std::string> SensorInputs::silence() const {
+std::optional<std::string> SensorInputs::silence() {
   if (const std::optional<std::string> text = clockProblem()) return text;
-  const std::optional<std::string> images = image_watch_.problem(now_);
-  const std::optional<std::string> imu = imu_watch_.problem(now_);
+  const std::optional<std::string> images = imageSilence();
+  const std::optional<std::string> imu = imuSilence();
   if (images && imu) return *images + "; " + *imu;
   return images ? images : imu;
+}
+
+std::optional<std::string> SensorInputs::imageSilence() {
+  std::optional<std::string> problem = image_watch_.problem(now_);
+  if (problem && image_subscriber_.getNumPublishers() == 0) *problem += image_topics_.hint();
+  return problem;
+}
+
+std::optional<std::string> SensorInputs::imuSilence(double limit) {
+  std::optional<std::string> problem = imu_watch_.problem(now_, limit);
+  if (problem && imu_subscriber_.getNumPublishers() == 0) *problem += imu_topics_.hint();
+  return problem;
 }
 
 std::optional<std::string> SensorInputs::disagreement() const {
@@ -131,6 +147,7 @@ void SensorInputs::handleImage(const sensor_msgs::ImageConstPtr& message) {
     countRefusedImage(problem);
     return;
   }
+  if (skip(frame->stamp)) return;
   if (!judge(image_guard_.check(frame->stamp), image_topic_, message->header.frame_id)) {
     ++images_refused_;
     return;
@@ -142,6 +159,16 @@ void SensorInputs::handleImage(const sensor_msgs::ImageConstPtr& message) {
     if (arrivals_.size() > kArrivalsKept) arrivals_.pop_front();
   }
   sinks_.image(std::move(*frame));
+}
+
+bool SensorInputs::skip(TimeNs stamp) {
+  if (!image_guard_.last()) return false;
+  const TimeNs interval = stamp - *image_guard_.last();
+  if (interval <= 0 || interval >= least_interval_) return false;
+  if (++images_skipped_ == 1) {
+    ROS_INFO_STREAM("images on " << image_topic_ << " come faster than ~max_image_rate: some are left out");
+  }
+  return true;
 }
 
 void SensorInputs::handleImu(const sensor_msgs::Imu& message) {

@@ -31,9 +31,11 @@ VioDiagnostics::VioDiagnostics(const ros::NodeHandle& nh, const ros::NodeHandle&
 
 void VioDiagnostics::update() {
   const ros::WallTime now = ros::WallTime::now();
-  if ((now - published_).toSec() < updater_.getPeriod()) return;
+  VioHealth health = health_();
+  const bool news = health.input_problem.has_value() != now_.input_problem.has_value();
+  if (!news && (now - published_).toSec() < updater_.getPeriod()) return;
   published_ = now;
-  now_ = health_();
+  now_ = std::move(health);
   updater_.force_update();
   images_dropped_before_ = now_.status.images_dropped;
   imu_dropped_before_ = now_.status.imu_dropped;
@@ -55,12 +57,14 @@ void VioDiagnostics::reportProcessing(diagnostic_updater::DiagnosticStatusWrappe
   const auto samples = static_cast<unsigned long>(status.imu_dropped - imu_dropped_before_);
   report.summaryf(DiagnosticStatus::OK, "%.0f ms after the image", status.latency_ms);
   if (status.latency_ms > kSlowMs)
-    report.summaryf(DiagnosticStatus::WARN, "late: %.0f ms", status.latency_ms);
+    report.summaryf(DiagnosticStatus::WARN, "late: %.0f ms (too slow a machine? see ~max_image_rate)",
+                    status.latency_ms);
   if (images + samples > 0) {
     report.summaryf(DiagnosticStatus::WARN, "dropped just now: %lu images, %lu IMU messages", images,
                     samples);
   }
   report.add("images processed", status.images_processed);
+  report.add("images left out (max_image_rate)", now_.images_skipped);
   report.add("images dropped", status.images_dropped);
   report.add("IMU messages dropped", status.imu_dropped);
   report.add("queue length", status.queue_length);

@@ -38,7 +38,8 @@ VioRos::VioRos(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh,
   sinks.imu = [this](const ImuSample& sample) { imuArrived(sample); };
   sinks.image = [this](ImageFrame frame) { imageArrived(std::move(frame)); };
   sinks.clock_jumped = [this] { clockJumped(); };
-  inputs_ = std::make_unique<SensorInputs>(nh, private_nh, &frames_, &log_, std::move(sinks));
+  inputs_ = std::make_unique<SensorInputs>(nh, private_nh, parameters_.max_image_rate, &frames_, &log_,
+                                           std::move(sinks));
   if (parameters_.rig.camera) start(parameters_.rig);
 
   CalibrationServices::Hooks hooks;
@@ -206,6 +207,7 @@ VioHealth VioRos::health() const {
   VioHealth health;
   health.image_rate = inputs_->imageRate();
   health.imu_rate = inputs_->imuRate();
+  health.images_skipped = inputs_->imagesSkipped();
   health.input_problem = inputs_->silence();
   if (!health.input_problem) health.input_problem = inputs_->disagreement();
   const std::lock_guard<std::mutex> lock(mutex_);

@@ -76,9 +76,15 @@ CalibrationEstimate toEstimate(const CalibrationStatus& status) {
 
 template <class... Values>
 std::string format(const char* pattern, Values... values) {
-  std::array<char, 256> buffer{};
+  std::array<char, 320> buffer{};
   std::snprintf(buffer.data(), buffer.size(), pattern, values...);
   return buffer.data();
+}
+
+std::string timingText(const std::vector<double>& milliseconds) {
+  const TimingSummary summary = summarize(milliseconds);
+  return format("{median: %.1f, p95: %.1f, p99: %.1f, max: %.1f}", summary.median, summary.p95, summary.p99,
+                summary.max);
 }
 
 bool isConverged(VioState state) {
@@ -100,8 +106,9 @@ void LiveRecorder::addStatus(const CalibrationStatus& status) {
   update.times = {status.tracking_ms, status.initialization_ms, status.optimization_ms};
   update.tracked_features = static_cast<int>(status.tracked_features);
   imu_dropped_ = status.imu_dropped;
-  // Without images the status comes all the same, with the stamp of the last one or none.
-  const bool of_new_image = update.stamp > 0 && (empty() || update.stamp > updates_.back().stamp);
+  // A status also comes while images are missing or wait, with a stamp of its own: no result of an image.
+  const std::uint64_t processed_before = empty() ? 0 : updates_.back().counters.images_processed;
+  const bool of_new_image = update.counters.images_processed > processed_before;
   last_ = update;
   if (!of_new_image) return;
   ++received_;
@@ -109,8 +116,9 @@ void LiveRecorder::addStatus(const CalibrationStatus& status) {
   updates_.push_back(std::move(update));
 }
 
-void LiveRecorder::addOdometry(const nav_msgs::Odometry& odometry) {
+void LiveRecorder::addOdometry(const nav_msgs::Odometry& odometry, const ros::Time& now) {
   ++received_;
+  odometry_delays_ms_.push_back(1e3 * (now - odometry.header.stamp).toSec());
   odometry_[toTimeNs(odometry.header.stamp)] = toTransform(odometry.pose.pose);
 }
 
@@ -192,15 +200,25 @@ CalibrationRunResult LiveRecorder::result() const {
   return result;
 }
 
+std::string LiveRecorder::closingLine() const {
+  const TimingSummary latency = summarize(latencies_ms_), delay = summarize(odometry_delays_ms_);
+  const VioCounters counters = last_ ? last_->counters : VioCounters();
+  return format(
+      "%llu images processed, %llu dropped; status %.0f ms after the image (p95 %.0f, max %.0f), "
+      "odometry %.0f ms after its stamp (p95 %.0f, max %.0f)",
+      static_cast<unsigned long long>(counters.images_processed),
+      static_cast<unsigned long long>(counters.images_dropped), latency.median, latency.p95, latency.max,
+      delay.median, delay.p95, delay.max);
+}
+
 std::string LiveRecorder::liveText() const {
-  const TimingSummary latency = summarize(latencies_ms_);
   std::ostringstream text;
   text << "status_messages: " << updates_.size() << "\nodometry_messages: " << odometry_.size()
        << "\nimu_odometry_messages: " << imu_odometry_count_ << "\ntransforms_by_parent:";
   if (transform_counts_.empty()) text << " {}";
   for (const auto& [parent, count] : transform_counts_) text << "\n  \"" << parent << "\": " << count;
-  text << "\nlatency_ms: {median: " << latency.median << ", p95: " << latency.p95 << ", p99: " << latency.p99
-       << ", max: " << latency.max << "}\n";
+  text << "\nlatency_ms: " << timingText(latencies_ms_)
+       << "\nodometry_delay_ms: " << timingText(odometry_delays_ms_) << "\n";
   return text.str();
 }
 

@@ -81,9 +81,10 @@ void receive(const ProgramOptions& options, LiveRecorder* recorder) {
       nh.subscribe<CalibrationStatus>(
           options.nodelet + "/calibration_status", kQueue,
           [recorder](const CalibrationStatusConstPtr& message) { recorder->addStatus(*message); }),
-      nh.subscribe<nav_msgs::Odometry>(
-          options.nodelet + "/odometry", kQueue,
-          [recorder](const nav_msgs::OdometryConstPtr& message) { recorder->addOdometry(*message); }),
+      nh.subscribe<nav_msgs::Odometry>(options.nodelet + "/odometry", kQueue,
+                                       [recorder](const nav_msgs::OdometryConstPtr& message) {
+                                         recorder->addOdometry(*message, ros::Time::now());
+                                       }),
       nh.subscribe<nav_msgs::Odometry>(
           options.nodelet + "/odometry_imu", kQueue,
           [recorder](const nav_msgs::OdometryConstPtr&) { recorder->addImuOdometry(); }),
@@ -128,7 +129,7 @@ int recordCalibration(const ProgramOptions& options) {
   writeResults(folder, result, verdict, rig, {recorder.trueExtrinsics(), recorder.trueTimeOffset()});
   folder.writeText("live.yaml", recorder.liveText());
   writeTruth(recorder, folder);
-  std::printf("%s: %s\n", verdict.name.c_str(), verdict.reason.c_str());
+  std::printf("%s\n%s: %s\n", recorder.closingLine().c_str(), verdict.name.c_str(), verdict.reason.c_str());
   return verdict.success ? 0 : 2;
 }
 

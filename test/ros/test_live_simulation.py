@@ -57,16 +57,20 @@ class LiveSimulation(unittest.TestCase):
         self.assertEqual(len(self.messages('truth_extrinsics')), 1)
 
     def test_2_every_image_has_a_status(self):
-        processed = [s for s in self.messages('status') if s.images_processed > 0]
-        last, reported = processed[-1], {s.header.stamp.to_nsec() for s in processed}
+        # An image that waits for the IMU has a status at once and another one as its result: then the count has grown.
+        results = []
+        for status in self.messages('status'):
+            if status.images_processed > (results[-1].images_processed if results else 0):
+                results.append(status)
+        last, reported = results[-1], {s.header.stamp.to_nsec() for s in results}
         # From the first image that reached the nodelet on; on a busy machine some are dropped, and counted.
         images = [s for s in stamps(self.messages('truth')) if min(reported) <= s <= max(reported)]
-        self.assertGreater(last.images_processed + last.images_dropped, 0.95 * len(images))
-        self.assertGreater(len(reported), 0.8 * last.images_processed)
+        print('%d images, %d processed, %d dropped' % (len(images), last.images_processed, last.images_dropped))
+        self.assertGreaterEqual(last.images_processed + last.images_dropped, len(images))
+        self.assertGreater(len(reported), 0.9 * last.images_processed)
         self.assertGreater(len(reported), 50)
         self.assertEqual(last.header.frame_id, 'imu0')
         self.assertEqual(last.imu_dropped, 0)
-        print('%d images, %d processed, %d dropped' % (len(images), last.images_processed, last.images_dropped))
 
     def test_3_odometry(self):
         self.assertIsNotNone(self.started, 'no odometry within 45 s')

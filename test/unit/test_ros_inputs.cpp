@@ -6,6 +6,7 @@
 
 #include "autocal_vio/ros/input_conversions.h"
 #include "autocal_vio/ros/sensor_messages.h"
+#include "autocal_vio/ros/topic_finder.h"
 
 namespace autocal_vio {
 namespace {
@@ -201,6 +202,14 @@ TEST(FrameName, LosesItsSlashes) {
   EXPECT_EQ(frameName("/cam0"), "cam0");
   EXPECT_EQ(frameName("cam0"), "cam0");
   EXPECT_EQ(frameName("/"), "");
+}
+
+TEST(TopicHint, NamesWhatThereIs) {
+  EXPECT_EQ(topicHint({}), ": nobody publishes it");
+  EXPECT_EQ(topicHint({"/right/image", "/left/image"}),
+            ": nobody publishes it; messages of its type are on /left/image, /right/image");
+  EXPECT_EQ(topicHint({"/e", "/d", "/c", "/b", "/a"}),
+            ": nobody publishes it; messages of its type are on /a, /b, /c, /d, ...");
 }
 
 }  // namespace

@@ -21,6 +21,7 @@
 #include "autocal_vio/ros/silence_watch.h"
 #include "autocal_vio/ros/stamp_guard.h"
 #include "autocal_vio/ros/throttled_log.h"
+#include "autocal_vio/ros/topic_finder.h"
 
 namespace autocal_vio {
 
@@ -34,9 +35,10 @@ struct SensorSinks {
 
 class SensorInputs {
  public:
-  /// `frames` and `log` must live longer than this.
-  SensorInputs(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh, FrameNames* frames,
-               ThrottledLog* log, SensorSinks sinks);
+  /// `max_image_rate`: images that come faster are left out, evenly [Hz]. `frames` and `log` must live longer
+  /// than this.
+  SensorInputs(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh, double max_image_rate,
+               FrameNames* frames, ThrottledLog* log, SensorSinks sinks);
 
   /// Begins to receive; throws image_transport's exceptions for an unknown transport.
   void subscribe();
@@ -47,16 +49,18 @@ class SensorInputs {
   void watch();
 
   // In words, where something is wrong with the inputs; from the callbacks' thread:
-  /// A topic that has been silent for 2 s, or a clock that stands still.
-  std::optional<std::string> silence() const;
+  /// A topic that has been silent for 1.5 s, or a clock that stands still.
+  std::optional<std::string> silence();
   /// No IMU message for `limit` seconds.
-  std::optional<std::string> imuSilence(double limit) const { return imu_watch_.problem(now_, limit); }
+  std::optional<std::string> imuSilence(double limit = SilenceWatch::kLimit);
   /// Stamps of image and IMU that are far apart.
   std::optional<std::string> disagreement() const;
 
   // Any thread:
   std::uint64_t imagesRefused() const { return images_refused_; }
   std::uint64_t imuRefused() const { return imu_refused_; }
+  /// Images left out because the camera is faster than max_image_rate.
+  std::uint64_t imagesSkipped() const { return images_skipped_; }
   /// Milliseconds since the image of `stamp` arrived; 0 when it is not known.
   double latencyMs(TimeNs stamp) const;
   void countRefusedImage(const std::string& problem);
@@ -71,10 +75,13 @@ class SensorInputs {
   void imuCallback(const sensor_msgs::ImuConstPtr& message);
   void handleImage(const sensor_msgs::ImageConstPtr& message);
   void handleImu(const sensor_msgs::Imu& message);
+  /// True for an image that follows the last one used too closely.
+  bool skip(TimeNs stamp);
   /// True when the message may be used.
   bool judge(StampVerdict verdict, const std::string& topic, const std::string& frame_id);
   void clockJumped(const std::string& what);
   std::optional<std::string> clockProblem() const;
+  std::optional<std::string> imageSilence();
 
   ros::NodeHandle nh_;
   ros::NodeHandle private_nh_;
@@ -85,6 +92,8 @@ class SensorInputs {
   const std::string imu_topic_;
   SilenceWatch image_watch_;
   SilenceWatch imu_watch_;
+  const TimeNs least_interval_;  ///< between images that are used
+  std::atomic<std::uint64_t> images_skipped_{0};
   std::atomic<std::uint64_t> images_refused_{0};
   std::atomic<std::uint64_t> imu_refused_{0};
   // Used by the callbacks' thread only:
@@ -94,6 +103,8 @@ class SensorInputs {
   ros::Time last_ros_time_;
   ros::WallTime ros_time_changed_;  ///< when last_ros_time_ last changed
   ros::WallTime last_jump_;
+  TopicFinder image_topics_;
+  TopicFinder imu_topics_;
   // Guarded by arrivals_mutex_:
   mutable std::mutex arrivals_mutex_;
   std::deque<std::pair<TimeNs, ros::WallTime>> arrivals_;

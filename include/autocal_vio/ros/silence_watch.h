@@ -10,6 +10,8 @@ namespace autocal_vio {
 /// Thread-safe. Time is handed in [s], from any clock that does not run backwards.
 class SilenceWatch {
  public:
+  static constexpr double kLimit = 1.5;  ///< [s]
+
   SilenceWatch(std::string what, std::string topic, double start);
 
   void arrived(double now);
@@ -18,13 +20,13 @@ class SilenceWatch {
   double silentFor(double now) const;
 
   /// One sentence when the topic has been silent for `limit` seconds.
-  std::optional<std::string> problem(double now, double limit = 2.0) const;
+  std::optional<std::string> problem(double now, double limit = kLimit) const;
 
   /// Messages per second over the last second or so; 0 before two have arrived.
   double rate(double now) const;
 
  private:
-  const std::string what_;   ///< "image" or "IMU"
+  const std::string what_;   ///< "image" or "IMU message"
   const std::string topic_;  ///< resolved name
   mutable std::mutex mutex_;
   // Guarded by mutex_:

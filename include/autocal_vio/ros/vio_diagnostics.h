@@ -14,9 +14,10 @@ namespace autocal_vio {
 
 /// What the diagnostics speak of.
 struct VioHealth {
-  CalibrationStatus status;  ///< the last one published
-  double image_rate = 0.0;   ///< [Hz]
-  double imu_rate = 0.0;     ///< [Hz]
+  CalibrationStatus status;          ///< the last one published
+  double image_rate = 0.0;           ///< [Hz]
+  double imu_rate = 0.0;             ///< [Hz]
+  std::uint64_t images_skipped = 0;  ///< the camera is faster than ~max_image_rate
   std::optional<std::string> input_problem;
 };
 
@@ -26,7 +27,8 @@ class VioDiagnostics {
   VioDiagnostics(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh,
                  std::function<VioHealth()> health);
 
-  /// Publishes when it is due (once a second, ~diagnostic_period), by the wall clock.
+  /// Publishes when it is due (once a second, ~diagnostic_period), by the wall clock, and at once
+  /// when a problem of the inputs begins or ends.
   void update();
 
  private:

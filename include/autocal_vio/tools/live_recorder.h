@@ -19,7 +19,8 @@ namespace autocal_vio {
 class LiveRecorder {
  public:
   void addStatus(const CalibrationStatus& status);
-  void addOdometry(const nav_msgs::Odometry& odometry);
+  /// `now`: ROS time at which it was received.
+  void addOdometry(const nav_msgs::Odometry& odometry, const ros::Time& now);
   void addImuOdometry() {
     ++received_;
     ++imu_odometry_count_;
@@ -46,14 +47,20 @@ class LiveRecorder {
   const std::optional<Transform>& trueExtrinsics() const { return true_T_imu_cam_; }
   std::optional<double> trueTimeOffset() const { return true_td_; }
 
-  /// live.yaml: counts and latencies of what was received.
+  /// Images processed and dropped, and how late the results came.
+  std::string closingLine() const;
+
+  /// live.yaml: counts of what was received; latency_ms from the arrival of an image in the nodelet to its status;
+  /// odometry_delay_ms from an image's stamp to the arrival of its odometry here, by the ROS clock (a bag's clock
+  /// steps by 10 ms).
   std::string liveText() const;
 
  private:
   std::size_t received_ = 0;
-  std::optional<VioUpdate> last_;   ///< the newest status, of an image or not
+  std::optional<VioUpdate> last_;   ///< the newest status, the result of an image or not
   std::vector<VioUpdate> updates_;  ///< one for each image
   std::vector<double> latencies_ms_;
+  std::vector<double> odometry_delays_ms_;
   std::map<TimeNs, Transform> odometry_;  ///< T_odom_imu by stamp of the image
   std::vector<RunRow> truth_;
   std::optional<Transform> true_T_imu_cam_;
