@@ -6,6 +6,7 @@
 #include <ceres/solver.h>
 
 #include <Eigen/Cholesky>
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <memory>
@@ -25,7 +26,9 @@ using Matrix23d = Eigen::Matrix<double, 2, 3>;
 
 constexpr double kMinDepthRatio = 0.02;  // depth in the camera over depth in the anchor
 constexpr double kBehindPx = 100.0;      // residual of points behind the camera, without derivative
-constexpr double kGaugeWeight = 1e5;     // [px per structure unit]; the cost does not depend on it
+constexpr double kMinInverseDepth = 0.02, kMaxInverseDepth = 50.0;  // at the start, in 1 / median depth
+constexpr int kTriangulationIterations = 4;
+constexpr double kGaugeWeight = 1e5;  // [px per structure unit]; the cost does not depend on it
 
 Transform toTransform(const double* pose) {
   return Transform(Eigen::Quaterniond(pose[6], pose[3], pose[4], pose[5]),
@@ -153,6 +156,21 @@ bool addTrackInformation(const StructureProblem& problem, std::size_t t, MatrixX
   return true;
 }
 
+// Inverse depth along a ray of the anchor by linear least squares: each observation says that
+// bearing x (R_CA d + rho p_CA) = 0.
+double linearInverseDepth(const StructureProblem& problem, const StructureTrack& track, const Transform& T_VA,
+                          const Vector2d& anchor) {
+  double numerator = 0.0, denominator = 0.0;
+  for (const TrackObservation& observation : track.observations) {
+    const Transform T_CA = problem.pose(observation.keyframe).inverse() * T_VA;
+    const Vector3d bearing = observation.normalized.homogeneous().normalized();
+    const Vector3d by_rho = bearing.cross(T_CA.translation);
+    numerator -= by_rho.dot(bearing.cross(T_CA.rotation * anchor.homogeneous()));
+    denominator += by_rho.squaredNorm();
+  }
+  return denominator > 1e-12 ? numerator / denominator : 1.0;
+}
+
 }  // namespace
 
 Transform StructureProblem::pose(int keyframe) const {
@@ -191,6 +209,33 @@ double trackRmsPx(const StructureProblem& problem, std::size_t track) {
   return std::sqrt(squared / (2.0 * static_cast<double>(problem.tracks[track].observations.size())));
 }
 
+std::optional<AnchoredLandmark> triangulateTrack(const StructureProblem& problem,
+                                                 const StructureTrack& track) {
+  const TrackObservation& middle = track.observations[track.observations.size() / 2];
+  AnchoredLandmark landmark;
+  landmark.T_VA = problem.pose(middle.keyframe);
+  const double rho = linearInverseDepth(problem, track, landmark.T_VA, middle.normalized);
+  landmark.alpha_beta_rho << middle.normalized, std::clamp(rho, kMinInverseDepth, kMaxInverseDepth);
+  for (int iteration = 0; iteration < kTriangulationIterations; ++iteration) {
+    Matrix3d H = Matrix3d::Zero();
+    Vector3d g = Vector3d::Zero();
+    for (const TrackObservation& observation : track.observations) {
+      Vector2d residual;
+      Matrix23d J;
+      if (!structureResidual(problem.pose(observation.keyframe), landmark, observation, &residual, nullptr,
+                             &J))
+        return std::nullopt;
+      H += J.transpose() * J;
+      g += J.transpose() * residual;
+    }
+    H.diagonal() *= 1.0 + 1e-6;  // a track without parallax says nothing about its depth
+    const Vector3d step = H.ldlt().solve(g);
+    if (!step.allFinite()) return std::nullopt;
+    landmark.alpha_beta_rho -= step;
+  }
+  return landmark;
+}
+
 int adjustStructure(double robust_px, int max_iterations, StructureProblem* structure) {
   ceres::Problem problem;
   auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
@@ -200,7 +245,7 @@ int adjustStructure(double robust_px, int max_iterations, StructureProblem* stru
   options.linear_solver_ordering = ordering;
   options.max_num_iterations = max_iterations;
   options.function_tolerance = 1e-5;
-  options.parameter_tolerance = 1e-8;
+  options.parameter_tolerance = 1e-12;
   options.gradient_tolerance = 1e-12;
   options.initial_trust_region_radius = 1e4;
   options.num_threads = 1;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <sstream>
 
 #include "autocal_vio/initializer/known_rotation_structure.h"
@@ -14,7 +15,10 @@ namespace {
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
-constexpr double kMinInverseDepth = 0.02;  // of landmarks at the start, in 1 / median depth
+constexpr double kOutlierRatio = 4.0;  // a track that fits worse than the median by this factor is wrong
+constexpr double kLeastOutlierAngle =
+    2e-3;  // [rad] a track that fits the linear solution better is no outlier of it
+constexpr double kCoarseOutlierPx = 100.0;  // after the first round, with poses that may still be far off
 
 double median(std::vector<double> values) {
   if (values.empty()) return 0.0;
@@ -29,7 +33,12 @@ std::string checkInput(const std::vector<FeatureFrame>& keyframes, const std::ve
   if (keyframes.size() != R_VC.size())
     problem << keyframes.size() << " keyframes but " << R_VC.size() << " rotations";
   for (std::size_t k = 0; k < R_VC.size(); ++k)
-    if (!R_VC[k].coeffs().allFinite()) problem << "the rotation of keyframe " << k << " is not finite";
+    if (!R_VC[k].coeffs().allFinite() || !(R_VC[k].norm() > 0.5))
+      problem << "the rotation of keyframe " << k << " is not finite";
+  for (std::size_t k = 0; k < keyframes.size(); ++k)
+    for (const Feature& feature : keyframes[k].features)
+      if (!feature.normalized.allFinite() || !feature.pixel_jacobian.allFinite())
+        problem << "track " << feature.track_id << " is not finite in keyframe " << k;
   return problem.str();
 }
 
@@ -57,7 +66,7 @@ std::string checkTracks(const std::vector<StructureTrack>& tracks, std::size_t k
   return problem.str();
 }
 
-// The linear solution as a start for the bundle adjustment, scaled to median depth 1.
+// The linear solution as a start for the bundle adjustment, scaled to median depth 1, with the tracks that fit it.
 StructureProblem startProblem(const std::vector<StructureTrack>& tracks, const std::vector<Quaterniond>& R_VC,
                               const KnownRotationStructure& linear) {
   std::vector<double> depths;
@@ -66,21 +75,18 @@ StructureProblem startProblem(const std::vector<StructureTrack>& tracks, const s
     depths.push_back(std::abs((R_VC[k].conjugate() * (linear.points[t] - linear.p_VC[k])).z()));
   }
   const double unit = median(depths);
+  const double limit = std::max(kLeastOutlierAngle, kOutlierRatio * median(linear.residuals));
   StructureProblem problem;
-  problem.tracks = tracks;
   for (std::size_t k = 0; k < R_VC.size(); ++k) {
     const Vector3d p = linear.p_VC[k] / unit;
     problem.poses.push_back({p.x(), p.y(), p.z(), R_VC[k].x(), R_VC[k].y(), R_VC[k].z(), R_VC[k].w()});
   }
   for (std::size_t t = 0; t < tracks.size(); ++t) {
-    // Anchored in the middle of the track: the ray there stands for the whole track best.
-    const TrackObservation& middle = tracks[t].observations[tracks[t].observations.size() / 2];
-    AnchoredLandmark landmark;
-    landmark.T_VA = problem.pose(middle.keyframe);
-    const double depth = (landmark.T_VA.inverse() * (linear.points[t] / unit).eval()).z();
-    const double rho = depth > 0.0 ? std::clamp(1.0 / depth, kMinInverseDepth, 1.0 / kMinInverseDepth) : 1.0;
-    landmark.alpha_beta_rho << middle.normalized, rho;
-    problem.landmarks.push_back(landmark);
+    if (linear.residuals[t] > limit) continue;
+    const std::optional<AnchoredLandmark> landmark = triangulateTrack(problem, tracks[t]);
+    if (!landmark) continue;
+    problem.tracks.push_back(tracks[t]);
+    problem.landmarks.push_back(*landmark);
   }
   return problem;
 }
@@ -91,16 +97,27 @@ std::vector<double> allTrackRms(const StructureProblem& problem) {
   return rms;
 }
 
-// Drops tracks with a larger rms error than `limit_px` or with a point at or beyond infinity.
-void dropOutliers(double limit_px, StructureProblem* problem) {
-  StructureProblem kept;
-  kept.poses = problem->poses;
-  for (std::size_t t = 0; t < problem->tracks.size(); ++t) {
-    if (!(trackRmsPx(*problem, t) <= limit_px) || !(problem->landmarks[t].alpha_beta_rho.z() > 0.0)) continue;
-    kept.tracks.push_back(problem->tracks[t]);
-    kept.landmarks.push_back(problem->landmarks[t]);
+// Takes all tracks that fit the present poses, whether they were in the problem before or not. The limit follows the
+// median track, within `least_px` and `most_px`.
+void chooseTracks(const std::vector<StructureTrack>& tracks, double least_px, double most_px,
+                  StructureProblem* problem) {
+  StructureProblem all;
+  all.poses = problem->poses;
+  for (const StructureTrack& track : tracks) {
+    const std::optional<AnchoredLandmark> landmark = triangulateTrack(all, track);
+    if (!landmark) continue;
+    all.tracks.push_back(track);
+    all.landmarks.push_back(*landmark);
   }
-  *problem = std::move(kept);
+  const std::vector<double> rms = allTrackRms(all);
+  const double limit = std::min(most_px, std::max(least_px, kOutlierRatio * median(rms)));
+  problem->tracks.clear();
+  problem->landmarks.clear();
+  for (std::size_t t = 0; t < all.tracks.size(); ++t) {
+    if (!(rms[t] <= limit) || !(all.landmarks[t].alpha_beta_rho.z() > 0.0)) continue;
+    problem->tracks.push_back(all.tracks[t]);
+    problem->landmarks.push_back(all.landmarks[t]);
+  }
 }
 
 double totalRms(const StructureProblem& problem) {
@@ -113,28 +130,37 @@ double totalRms(const StructureProblem& problem) {
   return count > 0.0 ? std::sqrt(squared / count) : 0.0;
 }
 
-// Two rounds: all tracks with a loss as wide as the start needs, then without the outliers.
-std::string adjust(const StructureOptions& options, StructureProblem* problem, StructureResult* result) {
-  const std::size_t keyframes = problem->poses.size();
+// Rounds of bundle adjustment: with the tracks that fit the linear solution, then twice with those that fit the round
+// before, so that a track that was misjudged comes back.
+std::string adjust(const std::vector<StructureTrack>& tracks, const StructureOptions& options,
+                   StructureProblem* problem, StructureResult* result) {
   const double start_error = median(allTrackRms(*problem));
   const double wide_px = std::isfinite(start_error) ? std::max(options.robust_px, 0.5 * start_error) : 10.0;
-  const int first = adjustStructure(wide_px, options.max_iterations, problem);
-  if (first < 0) return "the bundle adjustment failed";
-  const double spread = median(allTrackRms(*problem));
-  dropOutliers(std::max(options.outlier_px, 4.0 * spread), problem);
-  std::string failure = checkTracks(problem->tracks, keyframes, options);
-  if (!failure.empty()) return failure;
-  const int second = adjustStructure(options.robust_px, options.max_iterations, problem);
-  if (second < 0) return "the bundle adjustment failed";
-  dropOutliers(options.outlier_px, problem);
-  result->iterations = first + second;
-  failure = checkTracks(problem->tracks, keyframes, options);
-  if (!failure.empty()) return failure;
+  for (const double robust_px : {wide_px, options.robust_px, options.robust_px}) {
+    const int iterations = adjustStructure(robust_px, options.max_iterations, problem);
+    if (iterations < 0) return "the bundle adjustment failed";
+    const bool coarse = result->iterations == 0;
+    result->iterations += iterations;
+    chooseTracks(tracks, coarse ? options.outlier_px : options.robust_px,
+                 coarse ? kCoarseOutlierPx : options.outlier_px, problem);
+    const std::string failure = checkTracks(problem->tracks, problem->poses.size(), options);
+    if (!failure.empty()) return failure;
+  }
   result->rms_px = totalRms(*problem);
   if (result->rms_px <= options.max_rms_px) return std::string();
   std::ostringstream reason;
   reason << "the structure does not fit the tracks: " << result->rms_px << " px";
   return reason.str();
+}
+
+// Standard deviation of the pixel noise that left these errors: the poses and landmarks took some of it up.
+double pixelSigma(const StructureProblem& problem, double rms_px) {
+  double observations = 0.0;
+  for (const StructureTrack& track : problem.tracks)
+    observations += static_cast<double>(track.observations.size());
+  const double unknowns = 3.0 * static_cast<double>(problem.tracks.size()) +
+                          6.0 * static_cast<double>(problem.poses.size()) - 7.0;
+  return rms_px * std::sqrt(2.0 * observations / std::max(1.0, 2.0 * observations - unknowns));
 }
 
 // Median depth of the landmarks that the first keyframe sees; of all in their first keyframes where those are few.
@@ -166,7 +192,7 @@ void fillResult(const StructureProblem& problem, StructureResult* result) {
   for (std::size_t t = 0; t < problem.tracks.size(); ++t)
     result->landmarks.push_back(
         StructureLandmark{problem.tracks[t].id, (T_0V * problem.landmarks[t].point()) / unit});
-  result->pose_covariance = structurePoseCovariance(problem, result->rms_px);
+  result->pose_covariance = structurePoseCovariance(problem, pixelSigma(problem, result->rms_px));
   if (result->pose_covariance.size() == 0) {
     result->failure = "the tracks do not tie the keyframes together";
     return;
@@ -205,7 +231,7 @@ StructureResult structureFromMotion(const std::vector<FeatureFrame>& keyframes,
     return result;
   }
   StructureProblem problem = startProblem(tracks, R_0C, linear);
-  result.failure = adjust(options, &problem, &result);
+  result.failure = adjust(tracks, options, &problem, &result);
   result.tracks_dropped = result.tracks_used - static_cast<int>(problem.tracks.size());
   if (result.ok()) fillResult(problem, &result);
   return result;

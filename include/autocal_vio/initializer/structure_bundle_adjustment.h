@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <array>
+#include <optional>
 #include <vector>
 
 #include "autocal_vio/geometry/transform.h"
@@ -40,6 +41,11 @@ bool structureResidual(const Transform& T_VC, const AnchoredLandmark& landmark,
 
 /// Root mean square reprojection error of one track [px]; infinite when a camera has it behind itself.
 double trackRmsPx(const StructureProblem& problem, std::size_t track);
+
+/// The landmark that fits a track best at the present poses, anchored in the middle of the track: the ray there stands
+/// for the whole track best. Nothing when that point is not in front of all its cameras.
+std::optional<AnchoredLandmark> triangulateTrack(const StructureProblem& problem,
+                                                 const StructureTrack& track);
 
 /// Levenberg-Marquardt with a robust loss of scale `robust_px`. The scale is held by the distance of the keyframe
 /// farthest from the first. Returns the number of iterations, -1 when the solver failed.

@@ -1,7 +1,8 @@
 // Up-to-scale structure of some keyframes from their tracks and roughly known relative rotations.
 //
 // With the rotations known (gyroscope and R_BC) the translations of all cameras are linear in the bearings, so no
-// incremental structure from motion is needed: linear translations, linear triangulation, bundle adjustment.
+// incremental structure from motion is needed: linear translations, linear triangulation, bundle adjustment. Wrong tracks
+// are outweighed in the linear solution and left out of the bundle adjustment as long as they do not fit its poses.
 #pragma once
 
 #include <Eigen/Core>
@@ -21,11 +22,11 @@ struct StructureOptions {
   double min_parallax_px =
       4.0;                  ///< median image motion that no rotation explains, best pair of keyframes [px]
   double robust_px = 1.0;   ///< scale of the robust loss [px]
-  double outlier_px = 4.0;  ///< a track with a larger rms reprojection error is dropped [px]
+  double outlier_px = 4.0;  ///< a track with a larger rms reprojection error is always dropped [px]
   double max_rms_px = 2.0;  ///< structures that fit worse are refused [px]
   int min_landmarks = 15;   ///< [-]
   int min_landmarks_per_keyframe = 6;
-  int max_iterations = 12;  ///< of each of the two rounds of bundle adjustment
+  int max_iterations = 12;  ///< of each of the three rounds of bundle adjustment
 
   template <class Visitor>
   void visitFields(Visitor&& visit) {
@@ -38,7 +39,7 @@ struct StructureOptions {
     visit("min_landmarks", min_landmarks, 5, 1000, "landmarks of a usable structure [-]");
     visit("min_landmarks_per_keyframe", min_landmarks_per_keyframe, 3, 100,
           "landmarks seen by each keyframe [-]");
-    visit("max_iterations", max_iterations, 1, 100, "of each of the two rounds of bundle adjustment [-]");
+    visit("max_iterations", max_iterations, 1, 100, "of each of the three rounds of bundle adjustment [-]");
   }
 };
 
@@ -51,14 +52,14 @@ struct StructureLandmark {
 struct StructureResult {
   std::string failure;                       ///< why there is no structure; empty on success
   std::vector<Transform> T_VC;               ///< one per keyframe; the first is the identity
-  std::vector<StructureLandmark> landmarks;  ///< ascending track_id, outliers removed
+  std::vector<StructureLandmark> landmarks;  ///< ascending track_id, those that fit
   double rms_px = 0.0;                       ///< reprojection error of the landmarks kept, per axis [px]
   double parallax_px = 0.0;  ///< median image motion that no rotation explains, best pair [px]
-  int tracks_used = 0;       ///< tracks that entered the bundle adjustment
+  int tracks_used = 0;       ///< tracks long enough and chosen
   int tracks_dropped = 0;    ///< of these, outliers
-  int iterations = 0;        ///< of the bundle adjustment, both rounds
+  int iterations = 0;        ///< of the bundle adjustment, all rounds
   /// Covariance of T_VC, 6N x 6N, per keyframe position then rotation (right perturbation), for white pixel noise of
-  /// rms_px. Gauge: first pose, and the component of the keyframe farthest from it along the line between them.
+  /// the size that rms_px shows. Gauge: first pose, and the component of the keyframe farthest from it along the line between them.
   Eigen::MatrixXd pose_covariance;
 
   bool ok() const { return failure.empty(); }
