@@ -1,6 +1,8 @@
 #include "autocal_vio/estimator/extrinsic_monitor.h"
 
+#include <algorithm>
 #include <cmath>
+#include <limits>
 #include <sstream>
 
 #include "autocal_vio/geometry/so3.h"
@@ -8,11 +10,34 @@
 namespace autocal_vio {
 namespace {
 
+using Vector6d = Eigen::Matrix<double, 6, 1>;
+
 constexpr double kDegrees = 180.0 / 3.14159265358979323846;
 constexpr double kObservableRotation = 2.0 / kDegrees;  // [rad] a sigma below it can only come from motion
 constexpr double kObservableTranslation = 0.05;         // [m]
 constexpr double kReopenFactor = 2.0;  // a converged calibration is given up only well beyond the limits
 const char* const kAxes[3] = {"x", "y", "z"};
+
+// Zero is a part that is held. What is no variance is no knowledge.
+Vector6d sigmasOf(const Eigen::Matrix<double, 6, 6>& covariance) {
+  Vector6d sigma;
+  for (int i = 0; i < 6; ++i)
+    sigma(i) =
+        covariance(i, i) >= 0.0 ? std::sqrt(covariance(i, i)) : std::numeric_limits<double>::infinity();
+  return sigma;
+}
+
+// Largest move between two estimates, in sigmas of the axis.
+double largestStep(const CalibrationSample& from, const CalibrationSample& to, const Vector6d& sigma) {
+  if (!from.T_BC.isFinite() || !to.T_BC.isFinite()) return std::numeric_limits<double>::infinity();
+  Vector6d step;
+  step << to.T_BC.translation - from.T_BC.translation,
+      logSo3(from.T_BC.rotation.conjugate() * to.T_BC.rotation);
+  double largest = 0.0;
+  for (int i = 0; i < 6; ++i)
+    if (sigma(i) > 0.0) largest = std::max(largest, std::abs(step(i)) / sigma(i));
+  return largest;
+}
 
 }  // namespace
 
@@ -33,7 +58,7 @@ void ExtrinsicMonitor::add(const CalibrationSample& sample) {
 
 void ExtrinsicMonitor::judge() {
   const CalibrationSample& now = history_.back();
-  const Eigen::Matrix<double, 6, 1> sigma = now.covariance.diagonal().cwiseMax(0.0).cwiseSqrt();
+  const Vector6d sigma = sigmasOf(now.covariance);
   int worst_translation, worst_rotation;
   const double sigma_translation = sigma.head<3>().maxCoeff(&worst_translation);
   const double sigma_rotation = sigma.tail<3>().maxCoeff(&worst_rotation) * kDegrees;
@@ -47,7 +72,7 @@ void ExtrinsicMonitor::judge() {
   if (!(sigma_rotation < slack * options_.max_sigma_rotation_deg)) {
     why << "rotation about " << kAxes[worst_rotation] << " of the camera is known to " << sigma_rotation
         << " deg (sigma), needs " << options_.max_sigma_rotation_deg;
-    advice_ = "rotate about at least two different axes";
+    advice_ = std::string("rotate about axes other than the camera's ") + kAxes[worst_rotation];
   } else if (!(sigma_translation < slack * options_.max_sigma_translation)) {
     why << "translation along " << kAxes[worst_translation] << " of the IMU is known to "
         << 1e3 * sigma_translation << " mm (sigma), needs " << 1e3 * options_.max_sigma_translation;
@@ -60,12 +85,7 @@ void ExtrinsicMonitor::judge() {
   } else if (!converged_ && toSeconds(now.stamp - history_.front().stamp) < options_.stable_time) {
     why << "accurate enough, watching whether it stays";
   } else if (!converged_) {
-    const CalibrationSample& then = history_.front();
-    const Eigen::Vector3d step_p =
-        (now.T_BC.translation - then.T_BC.translation).cwiseQuotient(sigma.head<3>());
-    const Eigen::Vector3d step_theta =
-        logSo3(then.T_BC.rotation.conjugate() * now.T_BC.rotation).cwiseQuotient(sigma.tail<3>());
-    const double step = std::max(step_p.cwiseAbs().maxCoeff(), step_theta.cwiseAbs().maxCoeff());
+    const double step = largestStep(history_.front(), now, sigma);
     if (!(step < options_.max_step_sigmas))
       why << "still moving: " << step << " sigma within " << options_.stable_time << " s";
   }
