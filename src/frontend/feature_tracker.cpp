@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <opencv2/calib3d.hpp>
-#include <opencv2/imgproc.hpp>
 #include <opencv2/video/tracking.hpp>
 #include <utility>
 
@@ -11,7 +10,6 @@ namespace autocal_vio {
 namespace {
 
 constexpr double kBorder = 4.0;              // [px] a patch nearer to the edge is mostly outside
-constexpr double kRefillBelow = 0.9;         // share of max_features below which corners are searched
 constexpr std::size_t kMinForOutliers = 12;  // tracks for a two-view geometry
 constexpr double kMinEigenvalue = 1e-4;      // of the patch's gradient matrix: below it is no texture
 const cv::TermCriteria kTermination(cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 30, 0.01);
@@ -23,11 +21,12 @@ cv::Point2f toCv(const Eigen::Vector2d& v) {
 }  // namespace
 
 FeatureTracker::FeatureTracker(const CameraModel& camera, const FeatureTrackerOptions& options)
-    : camera_(camera), options_(options) {}
+    : camera_(camera), options_(options), detector_(cv::Size(camera.width(), camera.height()), options) {}
 
 void FeatureTracker::reset() {
   tracks_.clear();
   pyramid_.clear();
+  detector_.reset();
 }
 
 FeatureFrame FeatureTracker::track(TimeNs stamp, const cv::Mat& image,
@@ -36,7 +35,7 @@ FeatureFrame FeatureTracker::track(TimeNs stamp, const cv::Mat& image,
   const cv::Size patch(options_.patch_size, options_.patch_size);
   cv::buildOpticalFlowPyramid(image, pyramid, patch, options_.pyramid_levels);
   if (!pyramid_.empty() && !tracks_.empty()) trackForward(pyramid, R_previous_current);
-  if (static_cast<double>(tracks_.size()) < kRefillBelow * options_.max_features) detect(image);
+  addCorners(image);
   pyramid_ = std::move(pyramid);
 
   FeatureFrame frame;
@@ -110,17 +109,12 @@ void FeatureTracker::rejectOutliers(const std::vector<Feature>& before) {
   tracks_ = std::move(kept);
 }
 
-void FeatureTracker::detect(const cv::Mat& image) {
-  cv::Mat mask(image.size(), CV_8UC1, cv::Scalar(255));
-  const int radius = static_cast<int>(std::lround(options_.min_distance));
-  for (const Track& track : tracks_) cv::circle(mask, track.pixel, radius, cv::Scalar(0), cv::FILLED);
-  const int wanted = options_.max_features - static_cast<int>(tracks_.size());
-  std::vector<cv::Point2f> corners;
-  cv::goodFeaturesToTrack(image, corners, wanted, options_.quality_level, options_.min_distance, mask, 3);
-  for (const cv::Point2f& corner : corners) {
-    const Eigen::Vector2d pixel(corner.x, corner.y);
-    if (!camera_.contains(pixel, kBorder)) continue;
-    const std::optional<Feature> feature = makeFeature(camera_, next_id_, pixel);
+void FeatureTracker::addCorners(const cv::Mat& image) {
+  std::vector<cv::Point2f> pixels;
+  for (const Track& track : tracks_) pixels.push_back(track.pixel);
+  for (const cv::Point2f& corner : detector_.detect(image, pixels)) {
+    const std::optional<Feature> feature =
+        makeFeature(camera_, next_id_, Eigen::Vector2d(corner.x, corner.y));
     if (feature) tracks_.push_back({next_id_++, corner, *feature});
   }
 }

@@ -18,11 +18,11 @@ TEST(EstimatorFile, ReadsBackWhatItWrites) {
   const TemporaryFolder folder;
   VioOptions options;
   options.tracker.max_features = 123;
-  options.tracker.quality_level = 1.0 / 3.0;
+  options.tracker.min_contrast = 1.0 / 3.0;
   options.estimator.gravity_magnitude = 9.80665;
   const VioOptions read = loadEstimatorFile(folder.write("e.yaml", estimatorFileText(options)));
   EXPECT_EQ(estimatorFileText(read), estimatorFileText(options));
-  EXPECT_EQ(read.tracker.quality_level, 1.0 / 3.0);
+  EXPECT_EQ(read.tracker.min_contrast, 1.0 / 3.0);
 }
 
 TEST(EstimatorFile, EveryKeyIsOptional) {

@@ -8,6 +8,7 @@
 #include <optional>
 #include <vector>
 
+#include "autocal_vio/frontend/corner_detector.h"
 #include "autocal_vio/frontend/feature.h"
 #include "autocal_vio/frontend/feature_tracker_options.h"
 
@@ -38,10 +39,11 @@ class FeatureTracker {
   void trackForward(const std::vector<cv::Mat>& pyramid,
                     const std::optional<Eigen::Matrix3d>& R_previous_current);
   void rejectOutliers(const std::vector<Feature>& before);
-  void detect(const cv::Mat& image);
+  void addCorners(const cv::Mat& image);
 
   CameraModel camera_;
   FeatureTrackerOptions options_;
+  CornerDetector detector_;
   std::vector<cv::Mat> pyramid_;  ///< of the previous image
   std::vector<Track> tracks_;     ///< in ascending order of id
   std::int64_t next_id_ = 0;

@@ -7,7 +7,7 @@ struct FeatureTrackerOptions {
   int pyramid_levels = 3;
   int patch_size = 21;
   double min_distance = 22.0;
-  double quality_level = 0.005;
+  double min_contrast = 3.0;
   double forward_backward_threshold = 0.7;
   double epipolar_threshold = 1.5;
 
@@ -17,7 +17,8 @@ struct FeatureTrackerOptions {
     visit("pyramid_levels", pyramid_levels, 0, 8, "pyramid levels above the base of the KLT tracker [-]");
     visit("patch_size", patch_size, 5, 61, "side of the KLT patch [px]");
     visit("min_distance", min_distance, 2, 200, "least distance between corners [px]");
-    visit("quality_level", quality_level, 1e-6, 1, "corner response relative to the best in the image [-]");
+    visit("min_contrast", min_contrast, 0.1, 100,
+          "weakest corner: gradient in its weaker direction, root mean square [gray levels per px]");
     visit("forward_backward_threshold", forward_backward_threshold, 0.05, 20,
           "largest forward-backward error [px]");
     visit("epipolar_threshold", epipolar_threshold, 0.1, 20,

@@ -1,0 +1,314 @@
+// The tracker on rendered images, where the exact projection of every surface point is known.
+#include "autocal_vio/frontend/feature_tracker.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <memory>
+#include <opencv2/imgproc.hpp>
+#include <set>
+
+#include "autocal_vio/geometry/so3.h"
+#include "autocal_vio/sim/room_renderer.h"
+#include "autocal_vio/sim/simulated_rig.h"
+#include "autocal_vio/sim/sine_trajectory.h"
+
+namespace autocal_vio {
+namespace {
+
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+
+constexpr TimeNs kInterval = 50000000;
+
+double quantile(std::vector<double> values, double share) {
+  std::sort(values.begin(), values.end());
+  return values.empty() ? 1e9
+                        : values[static_cast<std::size_t>(share * static_cast<double>(values.size() - 1))];
+}
+
+std::set<std::int64_t> idsOf(const FeatureFrame& frame) {
+  std::set<std::int64_t> ids;
+  for (const Feature& feature : frame.features) ids.insert(feature.track_id);
+  return ids;
+}
+
+// Share of the tracks of `before` that `after` still has.
+double kept(const FeatureFrame& before, const FeatureFrame& after) {
+  const std::set<std::int64_t> ids = idsOf(after);
+  double count = 0.0;
+  for (const Feature& feature : before.features) count += static_cast<double>(ids.count(feature.track_id));
+  return count / static_cast<double>(before.features.size());
+}
+
+class FeatureTrackerTest : public ::testing::Test {
+ protected:
+  // Made once: the textures take a while.
+  static void SetUpTestSuite() { renderer_ = std::make_unique<RoomRenderer>(room_, camera_, 1); }
+  static void TearDownTestSuite() { renderer_.reset(); }
+
+  static Transform cameraPose(double t) {
+    return trajectory_.at(trajectory_.begin() + fromSeconds(t)).T_WB * rig_.T_imu_cam;
+  }
+
+  static cv::Mat render(const Transform& T_WC) {
+    cv::Mat image;
+    renderer_->render(T_WC, &image);
+    return image;
+  }
+
+  // The surface point that a pixel shows, by the independent double-precision path.
+  static Vector3d surfacePoint(const Transform& T_WC, const Vector2d& pixel) {
+    const Vector2d normalized = *camera_.undistort(pixel);
+    const Vector3d ray_W = T_WC.rotation * Vector3d(normalized.x(), normalized.y(), 1.0);
+    return T_WC.translation + room_.castRay(T_WC.translation, ray_W) * ray_W;
+  }
+
+  static bool visible(const Transform& T_WC, const Vector3d& point_W) {
+    return room_.castRay(T_WC.translation, point_W - T_WC.translation) > 0.999;
+  }
+
+  static cv::Mat noise(double mean, double sigma, int seed) {
+    cv::Mat image(480, 752, CV_8UC1);
+    cv::RNG random(static_cast<std::uint64_t>(seed));
+    random.fill(image, cv::RNG::NORMAL, mean, sigma);
+    return image;
+  }
+
+  static FeatureTracker makeTracker() { return FeatureTracker(camera_, FeatureTrackerOptions()); }
+
+  static inline const SineTrajectory trajectory_{SineTrajectoryOptions()};
+  static inline const SimulatedRig rig_ = randomRig(1);
+  static inline const CameraModel camera_{eurocIntrinsics()};
+  static inline const Room room_ = Room::around(trajectory_, 1);
+  static inline std::unique_ptr<RoomRenderer> renderer_;
+};
+
+TEST_F(FeatureTrackerTest, TracksAreRightToAFractionOfAPixel) {
+  FeatureTracker tracker = makeTracker();
+  struct Origin {
+    int image;
+    Vector3d point_W;
+  };
+  std::map<std::int64_t, Origin> origins;
+  std::vector<double> first_step, half_second;
+  Transform T_WC_before;
+  for (int i = 0; i < 30; ++i) {
+    const Transform T_WC = cameraPose(8.0 + 0.05 * i);
+    const Eigen::Matrix3d R = (T_WC_before.rotation.conjugate() * T_WC.rotation).toRotationMatrix();
+    const FeatureFrame frame =
+        tracker.track(i * kInterval, render(T_WC), i > 0 ? std::make_optional(R) : std::nullopt);
+    EXPECT_GT(frame.features.size(), 120u) << i;
+    for (const Feature& feature : frame.features) {
+      EXPECT_LT((*camera_.undistort(feature.pixel) - feature.normalized).norm(), 1e-9);
+      const auto origin =
+          origins.insert({feature.track_id, {i, surfacePoint(T_WC, feature.pixel)}}).first->second;
+      Vector2d pixel;
+      if (!visible(T_WC, origin.point_W) || !camera_.project(T_WC.inverse() * origin.point_W, &pixel))
+        continue;
+      if (i == origin.image + 1) first_step.push_back((pixel - feature.pixel).norm());
+      if (i == origin.image + 10) half_second.push_back((pixel - feature.pixel).norm());
+    }
+    T_WC_before = T_WC;
+  }
+  ASSERT_GT(first_step.size(), 300u);
+  ASSERT_GT(half_second.size(), 150u);
+  EXPECT_LT(quantile(first_step, 0.5), 0.08);
+  EXPECT_LT(quantile(first_step, 0.9), 0.3);
+  EXPECT_LT(quantile(half_second, 0.5), 0.6);
+  EXPECT_LT(quantile(half_second, 0.9), 1.5);
+}
+
+TEST_F(FeatureTrackerTest, CornersSpreadOverTheImage) {
+  const std::vector<double> times = {3.0, 12.0, 25.0, 40.0};
+  for (const double t : times) {
+    const FeatureFrame frame = makeTracker().track(0, render(cameraPose(t)), std::nullopt);
+    int cells[4][4] = {};
+    for (const Feature& feature : frame.features)
+      ++cells[static_cast<int>(feature.pixel.y() / 120.0)][static_cast<int>(feature.pixel.x() / 188.0)];
+    for (const auto& row : cells) {
+      for (const int count : row) {
+        EXPECT_GE(count, 3);
+        EXPECT_LE(count, 25);
+      }
+    }
+    for (std::size_t i = 0; i < frame.features.size(); ++i)
+      for (std::size_t j = 0; j < i; ++j)
+        EXPECT_GE((frame.features[i].pixel - frame.features[j].pixel).norm(),
+                  FeatureTrackerOptions().min_distance - 1e-9);
+  }
+}
+
+TEST_F(FeatureTrackerTest, ABrightSpotDoesNotStarveADarkScene) {
+  // The left two thirds at a seventh of their contrast, a checkerboard of full contrast at the right.
+  cv::Mat image = render(cameraPose(12.0));
+  image.colRange(0, 500) = image.colRange(0, 500) / 7;
+  for (int y = 0; y < image.rows; ++y)
+    for (int x = 500; x < image.cols; ++x)
+      image.at<std::uint8_t>(y, x) = (x / 20 + y / 20) % 2 == 0 ? 255 : 0;
+  const FeatureFrame frame = makeTracker().track(0, image, std::nullopt);
+  const auto dark = std::count_if(frame.features.begin(), frame.features.end(),
+                                  [](const Feature& feature) { return feature.pixel.x() < 500; });
+  EXPECT_GT(dark, 80);
+}
+
+TEST_F(FeatureTrackerTest, TexturedPartsTakeOverForBarrenOnes) {
+  cv::Mat image = render(cameraPose(12.0));
+  image.colRange(300, image.cols) = 90;
+  FeatureTracker tracker = makeTracker();
+  FeatureFrame frame;
+  for (int i = 0; i < 10; ++i) frame = tracker.track(i * kInterval, image, std::nullopt);
+  EXPECT_GT(frame.features.size(), 110u);
+  for (const Feature& feature : frame.features) EXPECT_LT(feature.pixel.x(), 305.0);
+}
+
+TEST_F(FeatureTrackerTest, PredictionFollowsFastRotation) {
+  // 12 degrees of pitch and yaw and 8 of roll between images: at 20 Hz some 5 rad/s.
+  const Transform first = cameraPose(12.0);
+  const Eigen::Quaterniond step = expSo3(Vector3d(0.15, 0.15, 0.14));
+  FeatureTracker with = makeTracker(), without = makeTracker();
+  const cv::Mat image = render(first), turned = render(Transform(first.rotation * step, first.translation));
+  const FeatureFrame before = with.track(0, image, std::nullopt);
+  without.track(0, image, std::nullopt);
+  const FeatureFrame after = with.track(kInterval, turned, step.toRotationMatrix());
+  const FeatureFrame lost = without.track(kInterval, turned, std::nullopt);
+  double in_view = 0.0;
+  for (const Feature& feature : before.features) {
+    Vector2d pixel;
+    if (camera_.project(step.conjugate() * feature.normalized.homogeneous(), &pixel))
+      in_view += camera_.contains(pixel, 15.0) ? 1.0 : 0.0;
+  }
+  in_view /= static_cast<double>(before.features.size());
+  ASSERT_GT(in_view, 0.4);
+  EXPECT_GT(kept(before, after), 0.85 * in_view);
+  EXPECT_LT(kept(before, lost), 0.3 * in_view);
+}
+
+TEST_F(FeatureTrackerTest, APatchThatMovesByItselfIsDropped) {
+  // Textured, moving at right angles to the image motion that the camera's translation causes.
+  cv::Mat patch = noise(128, 60, 3)(cv::Rect(0, 0, 150, 150)).clone();
+  cv::GaussianBlur(patch, patch, cv::Size(), 2.0);
+  cv::normalize(patch, patch, 30, 220, cv::NORM_MINMAX);
+  const Transform start = cameraPose(12.0);
+  FeatureTracker tracker = makeTracker();
+  std::map<std::int64_t, int> ages;
+  int old_inside = 0, old_outside = 0, new_inside = 0;
+  for (int i = 0; i < 8; ++i) {
+    const Vector3d sideways(0.03 * i, 0.0, 0.0);
+    cv::Mat image = render(Transform(start.rotation, start * sideways));
+    const cv::Rect area(300, 40 + 8 * i, patch.cols, patch.rows);
+    patch.copyTo(image(area));
+    for (const Feature& feature : tracker.track(i * kInterval, image, std::nullopt).features) {
+      const bool inside =
+          area.contains(cv::Point(feature.pixel.cast<int>().x(), feature.pixel.cast<int>().y()));
+      const int age = ++ages[feature.track_id];
+      if (inside && age == 1) ++new_inside;
+      if (i == 7 && age >= 4) ++(inside ? old_inside : old_outside);
+    }
+  }
+  EXPECT_GT(new_inside, 10);  // it does attract corners
+  EXPECT_LE(old_inside, 3);
+  EXPECT_GT(old_outside, 100);
+}
+
+TEST_F(FeatureTrackerTest, WhatIsCoveredIsDroppedAndTheRestGoesOn) {
+  const cv::Mat first = render(cameraPose(12.0));
+  cv::Mat second = render(cameraPose(12.05));
+  render(cameraPose(30.0)).colRange(376, 752).copyTo(second.colRange(376, 752));
+  FeatureTracker tracker = makeTracker();
+  const FeatureFrame before = tracker.track(0, first, std::nullopt);
+  const std::set<std::int64_t> after = idsOf(tracker.track(kInterval, second, std::nullopt));
+  double left = 0.0, left_kept = 0.0, right = 0.0, right_kept = 0.0;
+  for (const Feature& feature : before.features) {
+    const double survived = static_cast<double>(after.count(feature.track_id));
+    if (feature.pixel.x() < 330.0) {
+      left += 1.0;
+      left_kept += survived;
+    } else if (feature.pixel.x() > 420.0) {
+      right += 1.0;
+      right_kept += survived;
+    }
+  }
+  EXPECT_GT(left_kept, 0.85 * left);
+  EXPECT_LT(right_kept, 0.1 * right);
+}
+
+TEST_F(FeatureTrackerTest, ImagesWithoutTextureGiveNothing) {
+  FeatureTracker tracker = makeTracker();
+  const Eigen::Matrix3d identity = Eigen::Matrix3d::Identity();
+  for (int i = 0; i < 3; ++i) {
+    EXPECT_TRUE(tracker.track(2 * i * kInterval, cv::Mat(480, 752, CV_8UC1, cv::Scalar(0)), identity)
+                    .features.empty());
+    EXPECT_TRUE(tracker.track((2 * i + 1) * kInterval, cv::Mat(480, 752, CV_8UC1, cv::Scalar(255)), identity)
+                    .features.empty());
+  }
+}
+
+TEST_F(FeatureTrackerTest, SensorNoiseGivesFewCornersAndNoTracks) {
+  FeatureTracker tracker = makeTracker();
+  for (int i = 0; i < 5; ++i)
+    EXPECT_LT(tracker.track(i * kInterval, noise(20, 1.0, i), std::nullopt).features.size(), 20u);
+  // Strong noise looks like corners, but none is found again.
+  tracker.reset();
+  FeatureFrame before = tracker.track(0, noise(128, 50, 10), std::nullopt);
+  for (int i = 1; i < 5; ++i) {
+    const FeatureFrame frame = tracker.track(i * kInterval, noise(128, 50, 10 + i), std::nullopt);
+    EXPECT_LT(kept(before, frame), 0.2);
+    before = frame;
+  }
+}
+
+TEST_F(FeatureTrackerTest, DarknessLosesTheTracksAndLightBringsNewOnes) {
+  const cv::Mat image = render(cameraPose(12.0)), black(480, 752, CV_8UC1, cv::Scalar(0));
+  FeatureTracker tracker = makeTracker();
+  const FeatureFrame before = tracker.track(0, image, std::nullopt);
+  EXPECT_TRUE(tracker.track(kInterval, black, std::nullopt).features.empty());
+  const FeatureFrame after = tracker.track(2 * kInterval, image, std::nullopt);
+  EXPECT_GT(after.features.size(), 120u);
+  EXPECT_GT(after.features.front().track_id, before.features.back().track_id);
+}
+
+TEST_F(FeatureTrackerTest, IdsAscendAndAreNeverUsedAgain) {
+  FeatureTracker tracker = makeTracker();
+  std::set<std::int64_t> seen;
+  for (int run = 0; run < 3; ++run) {
+    std::set<std::int64_t> now;
+    for (int i = 0; i < 4; ++i) {
+      const FeatureFrame frame =
+          tracker.track(i * kInterval, render(cameraPose(12.0 + 0.1 * i)), std::nullopt);
+      EXPECT_EQ(frame.stamp, i * kInterval);
+      for (std::size_t k = 1; k < frame.features.size(); ++k)
+        EXPECT_LT(frame.features[k - 1].track_id, frame.features[k].track_id);
+      for (const std::int64_t id : idsOf(frame)) {
+        EXPECT_EQ(seen.count(id), 0u);
+        now.insert(id);
+      }
+    }
+    EXPECT_GT(now.size(), 120u);
+    seen.insert(now.begin(), now.end());
+    tracker.reset();
+  }
+}
+
+TEST_F(FeatureTrackerTest, TheSameImagesGiveTheSameBytes) {
+  FeatureTracker a = makeTracker(), b = makeTracker();
+  // b starts from a reset, which must leave nothing behind but the next id.
+  const std::int64_t offset = b.track(0, render(cameraPose(30.0)), std::nullopt).features.back().track_id + 1;
+  b.reset();
+  for (int i = 0; i < 6; ++i) {
+    const cv::Mat image = render(cameraPose(12.0 + 0.1 * i));
+    const FeatureFrame frame_a = a.track(i * kInterval, image, std::nullopt);
+    const FeatureFrame frame_b = b.track(i * kInterval, image, std::nullopt);
+    ASSERT_EQ(frame_a.features.size(), frame_b.features.size());
+    for (std::size_t k = 0; k < frame_a.features.size(); ++k) {
+      EXPECT_EQ(frame_a.features[k].track_id + offset, frame_b.features[k].track_id);
+      EXPECT_EQ(frame_a.features[k].pixel, frame_b.features[k].pixel);
+      EXPECT_EQ(frame_a.features[k].normalized, frame_b.features[k].normalized);
+    }
+  }
+}
+
+}  // namespace
+}  // namespace autocal_vio
