@@ -44,7 +44,7 @@ double largestStep(const CalibrationSample& from, const CalibrationSample& to, c
 void ExtrinsicMonitor::reset() {
   history_.clear();
   converged_ = false;
-  reason_ = "no estimate yet";
+  reason_ = "the odometry has just begun";
   advice_.clear();
   rotation_observable_ = translation_observable_ = {{false, false, false}};
 }
@@ -68,6 +68,7 @@ void ExtrinsicMonitor::judge() {
   }
   const double slack = converged_ ? kReopenFactor : 1.0;
   std::ostringstream why;
+  why.precision(2);
   advice_.clear();
   if (!(sigma_rotation < slack * options_.max_sigma_rotation_deg)) {
     why << "rotation about " << kAxes[worst_rotation] << " of the camera is known to " << sigma_rotation

@@ -40,8 +40,8 @@ sensor_msgs::ImagePtr TracksImage::draw(TimeNs stamp, const std::vector<TrackVie
   for (const TrackView& track : tracks) {
     const cv::Point2d centre(track.pixel.x(), track.pixel.y());
     const double old = std::min(1.0, static_cast<double>(track.age) / kOldAge);
-    cv::circle(picture.image, centre, 2, cv::Scalar(255.0 * (1.0 - old), 40.0, 255.0 * old), cv::FILLED);
-    if (track.in_estimate) cv::circle(picture.image, centre, 5, cv::Scalar(0.0, 220.0, 0.0));
+    cv::circle(picture.image, centre, 3, cv::Scalar(255.0 * (1.0 - old), 40.0, 255.0 * old), cv::FILLED);
+    if (track.in_estimate) cv::circle(picture.image, centre, 7, cv::Scalar(0.0, 220.0, 0.0), 2);
   }
   return picture.toImageMsg();
 }

@@ -116,8 +116,9 @@ void LiveRecorder::addStatus(const CalibrationStatus& status) {
   updates_.push_back(std::move(update));
 }
 
-void LiveRecorder::addOdometry(const nav_msgs::Odometry& odometry, const ros::Time& now) {
+void LiveRecorder::addOdometry(const nav_msgs::Odometry& odometry) {
   ++received_;
+  const ros::Time now = clock_.isZero() ? ros::Time::now() : clock_;
   odometry_delays_ms_.push_back(1e3 * (now - odometry.header.stamp).toSec());
   odometry_[toTimeNs(odometry.header.stamp)] = toTransform(odometry.pose.pose);
 }

@@ -6,6 +6,7 @@
 
 #include <cstdio>
 
+#include "autocal_vio/calibration_io/asl_sensors.h"
 #include "autocal_vio/calibration_io/load_problems.h"
 #include "autocal_vio/calibration_io/rig_file.h"
 #include "autocal_vio/tools/live_recorder.h"
@@ -27,6 +28,7 @@ struct ProgramOptions {
   double silence = 5.0;           ///< [s]
   double limit = 1e9;             ///< [s]
   std::string rig_file;
+  std::string asl_folder;
   std::string output_folder;
   bool force = false;
 };
@@ -44,17 +46,22 @@ CommandLine commandLine(ProgramOptions* options) {
                  &options->silence);
   line.addNumber("limit", "S", "ends after this long [s]", &options->limit);
   line.addText("config", "RIG.yaml", "rig file that the nodelet was given (required)", &options->rig_file);
+  line.addText(
+      "truth", "FOLDER",
+      "data set in ASL format (mav0) whose T_BS the estimate is compared with while it runs and in the plot",
+      &options->asl_folder);
   line.addText("out", "DIR", "folder for the results; created (required)", &options->output_folder);
   line.addFlag("force", "replaces earlier results in the folder", &options->force);
   return line;
 }
 
-// Until the input has ended, the time is up or somebody interrupts; a line each second.
+// Until the input has ended, the time is up or somebody interrupts; a line each second, where there is news.
 void watch(const ProgramOptions& options, LiveRecorder* recorder) {
   const ros::WallTime begin = ros::WallTime::now();
   ros::WallTime last_line = begin;
   ros::WallTime last_message = begin;
   std::size_t received = 0;
+  std::string shown;
   while (ros::ok()) {
     ros::getGlobalCallbackQueue()->callAvailable(ros::WallDuration(0.05));
     const ros::WallTime now = ros::WallTime::now();
@@ -63,8 +70,10 @@ void watch(const ProgramOptions& options, LiveRecorder* recorder) {
       last_message = now;
     }
     if ((now - last_line).toSec() >= 1.0) {
-      std::printf("%s\n", recorder->progressLine().c_str());
+      const std::string line = recorder->progressLine();
+      if (line != shown) std::printf("%s\n", line.c_str());
       std::fflush(stdout);
+      shown = line;
       last_line = now;
     }
     const std::optional<double> converged_for = recorder->secondsSinceConverged();
@@ -81,10 +90,9 @@ void receive(const ProgramOptions& options, LiveRecorder* recorder) {
       nh.subscribe<CalibrationStatus>(
           options.nodelet + "/calibration_status", kQueue,
           [recorder](const CalibrationStatusConstPtr& message) { recorder->addStatus(*message); }),
-      nh.subscribe<nav_msgs::Odometry>(options.nodelet + "/odometry", kQueue,
-                                       [recorder](const nav_msgs::OdometryConstPtr& message) {
-                                         recorder->addOdometry(*message, ros::Time::now());
-                                       }),
+      nh.subscribe<nav_msgs::Odometry>(
+          options.nodelet + "/odometry", kQueue,
+          [recorder](const nav_msgs::OdometryConstPtr& message) { recorder->addOdometry(*message); }),
       nh.subscribe<nav_msgs::Odometry>(
           options.nodelet + "/odometry_imu", kQueue,
           [recorder](const nav_msgs::OdometryConstPtr&) { recorder->addImuOdometry(); }),
@@ -92,7 +100,8 @@ void receive(const ProgramOptions& options, LiveRecorder* recorder) {
           "/tf", kQueue,
           [recorder](const tf2_msgs::TFMessageConstPtr& message) { recorder->addTransforms(*message); }),
       nh.subscribe<rosgraph_msgs::Clock>(
-          "/clock", 10, [recorder](const rosgraph_msgs::ClockConstPtr&) { recorder->addClock(); }),
+          "/clock", 10,
+          [recorder](const rosgraph_msgs::ClockConstPtr& message) { recorder->addClock(message->clock); }),
       nh.subscribe<nav_msgs::Odometry>(
           options.rig + "/truth", kQueue,
           [recorder](const nav_msgs::OdometryConstPtr& message) { recorder->addTruth(*message); }),
@@ -122,13 +131,18 @@ int recordCalibration(const ProgramOptions& options) {
   const RigModel rig = loadRigFile(options.rig_file);
   const ResultFolder folder(options.output_folder, options.force);
   LiveRecorder recorder;
+  if (!options.asl_folder.empty()) {
+    const std::optional<Transform> truth = loadAslExtrinsics(options.asl_folder);
+    if (!truth) throw LoadProblems({options.asl_folder + ": no T_BS in cam0/sensor.yaml"});
+    recorder.setTrueExtrinsics(*truth);
+  }
   receive(options, &recorder);
   if (recorder.empty()) throw LoadProblems({"no message on " + options.nodelet + "/calibration_status"});
   const CalibrationRunResult result = recorder.result();
   const Verdict verdict = judgeRun(result.record, false);
   writeResults(folder, result, verdict, rig, {recorder.trueExtrinsics(), recorder.trueTimeOffset()});
   folder.writeText("live.yaml", recorder.liveText());
-  writeTruth(recorder, folder);
+  if (options.asl_folder.empty()) writeTruth(recorder, folder);
   std::printf("%s\n%s: %s\n", recorder.closingLine().c_str(), verdict.name.c_str(), verdict.reason.c_str());
   return verdict.success ? 0 : 2;
 }

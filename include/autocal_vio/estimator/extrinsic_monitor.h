@@ -61,7 +61,7 @@ class ExtrinsicMonitor {
   ExtrinsicMonitorOptions options_;
   std::deque<CalibrationSample> history_;
   bool converged_ = false;
-  std::string reason_ = "no estimate yet";
+  std::string reason_ = "the odometry has just begun";
   std::string advice_;
   std::array<bool, 3> rotation_observable_{{false, false, false}};
   std::array<bool, 3> translation_observable_{{false, false, false}};

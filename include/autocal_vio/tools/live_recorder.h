@@ -19,16 +19,19 @@ namespace autocal_vio {
 class LiveRecorder {
  public:
   void addStatus(const CalibrationStatus& status);
-  /// `now`: ROS time at which it was received.
-  void addOdometry(const nav_msgs::Odometry& odometry, const ros::Time& now);
+  void addOdometry(const nav_msgs::Odometry& odometry);
   void addImuOdometry() {
     ++received_;
     ++imu_odometry_count_;
   }
-  void addClock() { ++received_; }
+  void addClock(const ros::Time& now) {
+    ++received_;
+    clock_ = now;
+  }
   void addTransforms(const tf2_msgs::TFMessage& message);
   void addTruth(const nav_msgs::Odometry& odometry);
   void setTrueExtrinsics(const geometry_msgs::PoseStamped& pose);
+  void setTrueExtrinsics(const Transform& T_imu_cam) { true_T_imu_cam_ = T_imu_cam; }
   void setTrueTimeOffset(double td) { true_td_ = td; }
 
   bool empty() const { return updates_.empty(); }
@@ -57,6 +60,7 @@ class LiveRecorder {
 
  private:
   std::size_t received_ = 0;
+  ros::Time clock_;                 ///< newest of /clock; zero: there is none
   std::optional<VioUpdate> last_;   ///< the newest status, the result of an image or not
   std::vector<VioUpdate> updates_;  ///< one for each image
   std::vector<double> latencies_ms_;
