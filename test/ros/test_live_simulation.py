@@ -36,7 +36,12 @@ class LiveSimulation(unittest.TestCase):
                   'extrinsics': ('/vio/extrinsics', PoseWithCovarianceStamped), 'tf': ('/tf', TFMessage)}
         cls.all = {name: Collector(*topic) for name, topic in topics.items()}
         cls.started = cls.all['odometry'].wait(lambda m: True, 45.0)
-        rospy.sleep(4.0)
+
+        def caught_up():  # what the first solution has held up has been processed
+            images, samples = (len(cls.all[name].messages()) for name in ('odometry', 'odometry_imu'))
+            return images > 60 and samples > 6 * images
+
+        wait_for(caught_up, 40.0)
 
     def messages(self, name):
         return self.all[name].messages()

@@ -50,7 +50,7 @@ bool contains(const std::string& text, const std::string& part) {
 TEST(ExtrinsicMonitor, KnowsNothingAtFirst) {
   const ExtrinsicMonitor monitor{ExtrinsicMonitorOptions()};
   EXPECT_FALSE(monitor.converged());
-  EXPECT_EQ(monitor.reason(), "no estimate yet");
+  EXPECT_EQ(monitor.reason(), "the odometry has just begun");
   for (int i = 0; i < 3; ++i) {
     EXPECT_FALSE(monitor.rotationObservable()[i]);
     EXPECT_FALSE(monitor.translationObservable()[i]);
@@ -227,7 +227,7 @@ TEST(ExtrinsicMonitor, ResetForgetsEverything) {
   ExtrinsicMonitor monitor = convergedMonitor();
   monitor.reset();
   EXPECT_FALSE(monitor.converged());
-  EXPECT_EQ(monitor.reason(), "no estimate yet");
+  EXPECT_EQ(monitor.reason(), "the odometry has just begun");
   monitor.add(goodSample(2.0));
   EXPECT_FALSE(monitor.converged());
 }
