@@ -26,7 +26,8 @@ constexpr double kLongestGap = 0.05;            // between gyroscope samples of 
 constexpr double kPredictable = 3.0 * kDegree;  // R_BC known so well predicts the camera's rotation
 constexpr double kSettled = 1.0 * kDegree;
 constexpr std::size_t kStableSolutions = 3;
-constexpr double kObservable = 2.0;  // times the limit of acceptance
+constexpr double kUnknown = 104.0 * kDegree;  // per axis, of a rotation that may be any
+constexpr double kObservable = 2.0;           // times the limit of acceptance
 
 struct CommonPoints {
   std::vector<Eigen::Vector2d> first, second;
@@ -73,7 +74,11 @@ RotationCalibrator::RotationCalibrator(double focal_length, const ImuNoise& nois
   refinement_.sigma_gyroscope_bias = options.sigma_gyroscope_bias;
   refinement_.td = time_offset.td;
   refinement_.sigma_td = std::max(time_offset.sigma_td, 1e-6);
+  estimate_.covariance = kUnknown * kUnknown * Matrix3d::Identity();
+  estimate_.sigma.setConstant(kUnknown);
+  estimate_.sigma_gyroscope_bias.setConstant(options.sigma_gyroscope_bias);
   estimate_.td = time_offset.td;
+  estimate_.sigma_td = refinement_.sigma_td;
   estimate_.reason = "no rotation between camera images is known yet";
   estimate_.motion_advice = rotationAdvice(RotationExcitation(), options.min_second_axis_deg * kDegree);
 }
@@ -224,14 +229,18 @@ void RotationCalibrator::judge(const RotationCalibration& solution) {
   RotationEstimate& e = estimate_;
   e.R_BC = solution.state.R_BC;
   e.covariance = solution.covariance.topLeftCorner<3, 3>() + floor * floor * Matrix3d::Identity();
-  e.sigma = e.covariance.diagonal().cwiseSqrt();
   e.gyroscope_bias = solution.state.gyroscope_bias;
   e.sigma_gyroscope_bias = solution.covariance.diagonal().segment<3>(3).cwiseSqrt();
   e.td = solution.state.td;
   e.sigma_td = std::sqrt(solution.covariance(6, 6));
   e.singular_values = solution.singular_values;
   e.residual_scale = solution.residual_scale;
-  const double limit = options_.max_sigma_deg * kDegree;
+  const double limit = options_.max_sigma_deg * kDegree, enough = options_.min_second_axis_deg * kDegree;
+  const RotationExcitation excitation = rotationExcitation(pairs_, e.gyroscope_bias);
+  // Without rotation about two axes the solution is one of many: the curvature there says nothing about the others.
+  if (!refinement_.rotation_prior && excitation.principal(1) < enough)
+    e.covariance = kUnknown * kUnknown * Matrix3d::Identity();
+  e.sigma = e.covariance.diagonal().cwiseSqrt();
   const Matrix3d R = e.R_BC.toRotationMatrix();
   const Matrix3d covariance_B = R * e.covariance * R.transpose();
   for (int k = 0; k < 3; ++k) e.axis_observable[k] = std::sqrt(covariance_B(k, k)) < kObservable * limit;
@@ -241,8 +250,6 @@ void RotationCalibrator::judge(const RotationCalibration& solution) {
   double spread = 0.0;
   for (const Quaterniond& q : recent_) spread = std::max(spread, q.angularDistance(e.R_BC));
 
-  const double enough = options_.min_second_axis_deg * kDegree;
-  const RotationExcitation excitation = rotationExcitation(pairs_, e.gyroscope_bias);
   const double worst = std::sqrt(Eigen::SelfAdjointEigenSolver<Matrix3d>(e.covariance).eigenvalues()(2));
   e.motion_advice = rotationAdvice(excitation, enough);
   if (excitation.principal(0) < enough) {

@@ -39,7 +39,11 @@ Matrix6d extrinsicCovariance(const GraphCovariance& covariance) {
 
 Session::Session(double focal_length, const RigModel& rig, const VioOptions& options,
                  const std::optional<Transform>& start_pose)
-    : options_(options), noise_(rig.imu_noise), start_pose_(start_pose), monitor_(options.monitor) {
+    : options_(options),
+      noise_(rig.imu_noise),
+      start_pose_(start_pose),
+      monitor_(options.monitor),
+      inflation_(options.estimator.sigma_inflation) {
   initializer_ = std::make_unique<CalibratingInitializer>(
       focal_length, rig.imu_noise, rig.extrinsics_prior, rig.time_offset_prior, options.initializer,
       options.rotation_calibrator, graphOptions(options.estimator));
@@ -58,11 +62,13 @@ bool Session::process(const FeatureFrame& frame, const ImuBuffer& imu, VioUpdate
   const StageClock clock;
   const EstimatorResult result = estimator_->process(frame, imu);
   if (result.healthy && result.keyframe && estimator_->covariance()) {
-    const double inflation = options_.estimator.sigma_inflation;
     CalibrationSample sample;
     sample.stamp = frame.stamp;
     sample.T_BC = estimator_->graph().calibration().T_BC();
-    sample.covariance = inflation * inflation * extrinsicCovariance(*estimator_->covariance());
+    const Matrix6d covariance = extrinsicCovariance(*estimator_->covariance());
+    inflation_.add(frame.stamp, sample.T_BC, covariance);
+    const double inflation = inflation_.factor();
+    sample.covariance = inflation * inflation * covariance;
     sample.td = td();
     const Eigen::MatrixXd variance = estimator_->covariance()->block(kTimeOffset);
     sample.sigma_td = variance.size() ? inflation * std::sqrt(variance(0, 0)) : 0.0;
@@ -154,7 +160,7 @@ void Session::fillOdometry(VioUpdate* update) const {
   odometry.velocity_W = T_odom_W_.rotation * frame.velocity();
   if (estimator_->covariance()) {
     const GraphCovariance& covariance = *estimator_->covariance();
-    const double variance_factor = std::pow(options_.estimator.sigma_inflation, 2);
+    const double variance_factor = std::pow(inflation_.factor(), 2);
     const Eigen::MatrixXd pose = covariance.block({estimator_->covarianceFrame(), BlockKind::kPose});
     const Eigen::MatrixXd motion = covariance.block({estimator_->covarianceFrame(), BlockKind::kMotion});
     // Position in W; rotation from the body's axes to the world's.
@@ -186,7 +192,7 @@ void Session::fillCalibration(VioUpdate* update) const {
   calibration.translation_observable = monitor_.translationObservable();
   if (!estimator_->covariance()) return;
   const GraphCovariance& covariance = *estimator_->covariance();
-  const double inflation = options_.estimator.sigma_inflation;
+  const double inflation = inflation_.factor();
   calibration.covariance = inflation * inflation * extrinsicCovariance(covariance);
   const Eigen::MatrixXd td_variance = covariance.block(kTimeOffset);
   calibration.sigma_td = td_variance.size() ? inflation * std::sqrt(td_variance(0, 0)) : 0.0;
@@ -226,7 +232,7 @@ std::optional<Eigen::Matrix3d> Session::predictedRotation(TimeNs previous, TimeN
 
 std::optional<ExtrinsicsPrior> Session::calibrationPrior() const {
   if (!estimator_ || !estimator_->covariance()) return std::nullopt;
-  const double inflation = options_.estimator.sigma_inflation;
+  const double inflation = inflation_.factor();
   const Matrix6d covariance = extrinsicCovariance(*estimator_->covariance());
   ExtrinsicsPrior prior;
   prior.T_imu_cam = estimator_->graph().calibration().T_BC();

@@ -10,7 +10,7 @@ struct EstimatorOptions {
   double pixel_sigma = 1.0;
   double huber_threshold = 1.5;
   double gravity_magnitude = 9.81;
-  double sigma_inflation = 2.0;
+  double sigma_inflation = 1.2;
 
   template <class Visitor>
   void visitFields(Visitor&& visit) {
@@ -25,7 +25,8 @@ struct EstimatorOptions {
           "Huber threshold of a whitened reprojection residual [-]");
     visit("gravity_magnitude", gravity_magnitude, 9.5, 10.0, "magnitude of gravity [m/s^2]");
     visit("sigma_inflation", sigma_inflation, 1, 20,
-          "published sigmas over those of white noise: tracking errors are correlated in time [-]");
+          "published sigmas over those of white noise, at least; grows up to 4 times with the estimate's "
+          "steps [-]");
   }
 };
 

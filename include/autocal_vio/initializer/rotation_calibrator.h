@@ -5,7 +5,6 @@
 #include <Eigen/Geometry>
 #include <array>
 #include <deque>
-#include <limits>
 #include <optional>
 #include <string>
 #include <vector>
@@ -19,17 +18,16 @@
 
 namespace autocal_vio {
 
-/// The present knowledge of the rotation. Sigmas are infinite before the first estimate.
+/// The present knowledge of the rotation. Before the first estimate its sigmas are those of the priors.
 struct RotationEstimate {
   Eigen::Quaterniond R_BC = Eigen::Quaterniond::Identity();
-  Eigen::Matrix3d covariance =
-      Eigen::Matrix3d::Identity() * 1e2;  ///< of the right perturbation of R_BC [rad^2]
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Identity();  ///< of the right perturbation of R_BC [rad^2]
   /// About the axes of C [rad]: root of the diagonal of `covariance`.
-  Eigen::Vector3d sigma = Eigen::Vector3d::Constant(std::numeric_limits<double>::infinity());
+  Eigen::Vector3d sigma = Eigen::Vector3d::Ones();
   Eigen::Vector3d gyroscope_bias = Eigen::Vector3d::Zero();  ///< in B [rad/s]
-  Eigen::Vector3d sigma_gyroscope_bias = Eigen::Vector3d::Constant(std::numeric_limits<double>::infinity());
+  Eigen::Vector3d sigma_gyroscope_bias = Eigen::Vector3d::Ones();
   double td = 0.0;                                            ///< t_imu = t_cam + td [s]
-  double sigma_td = std::numeric_limits<double>::infinity();  ///< [s]
+  double sigma_td = 1.0;                                      ///< [s]
   Eigen::Vector4d singular_values = Eigen::Vector4d::Zero();  ///< of Q_N, Eq. (8), descending
   double residual_scale = 1.0;  ///< residuals over what their covariance promises, at least 1 [-]
   int pairs = 0;                ///< rotation pairs it rests on

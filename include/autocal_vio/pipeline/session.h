@@ -6,6 +6,7 @@
 #include <string>
 
 #include "autocal_vio/estimator/extrinsic_monitor.h"
+#include "autocal_vio/estimator/sigma_inflation.h"
 #include "autocal_vio/estimator/sliding_window_estimator.h"
 #include "autocal_vio/initializer/calibrating_initializer.h"
 #include "autocal_vio/pipeline/vio_options.h"
@@ -53,6 +54,7 @@ class Session {
   std::unique_ptr<CalibratingInitializer> initializer_;
   std::unique_ptr<SlidingWindowEstimator> estimator_;
   ExtrinsicMonitor monitor_;
+  SigmaInflation inflation_;
   Transform T_odom_W_;  ///< yaw and translation only
   bool hold_rotation_ = false, hold_translation_ = false, hold_td_ = false;
 };
