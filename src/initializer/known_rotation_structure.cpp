@@ -18,8 +18,11 @@ using Eigen::VectorXd;
 // reweighting. A distance uncertain by 100 % against rays uncertain by a degree is the first.
 constexpr double kDistanceWeights[] = {3e-4, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 1e-6};
 constexpr double kAngleFloor = 1.0e-3;  // below this residual all observations weigh the same [rad]
+// Share of the tracks taken for right. Not the half: a solution in two parts that fits one of them well must not give
+// the other up.
+constexpr double kRightShare = 0.7;
 constexpr double kTrackScale =
-    2.0;  // a track that fits worse than the median by this factor has a quarter's weight
+    2.0;  // a track that fits worse than these by this factor has a quarter's weight
 
 struct Ray {
   int keyframe;
@@ -159,9 +162,9 @@ class Solver {
   // Geman-McClure over whole tracks.
   void weighTracks() {
     std::vector<double> sorted = residuals_;
-    const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
-    std::nth_element(sorted.begin(), middle, sorted.end());
-    const double scale = std::max(kAngleFloor, kTrackScale * *middle);
+    const auto quantile = sorted.begin() + static_cast<std::ptrdiff_t>(kRightShare * (sorted.size() - 1));
+    std::nth_element(sorted.begin(), quantile, sorted.end());
+    const double scale = std::max(kAngleFloor, kTrackScale * *quantile);
     for (std::size_t track = 0; track < rays_.size(); ++track) {
       const double factor = 1.0 / (1.0 + std::pow(residuals_[track] / scale, 2));
       for (double& weight : weights_[track]) weight *= factor * factor;

@@ -17,7 +17,8 @@ using Eigen::Vector3d;
 
 constexpr double kOutlierRatio = 4.0;  // a track that fits worse than the median by this factor is wrong
 constexpr double kLeastOutlierAngle =
-    2e-3;  // [rad] a track that fits the linear solution better is no outlier of it
+    2e-3;                            // [rad] a track that fits the linear solution better is no outlier of it
+constexpr double kLeastShare = 0.6;  // of a keyframe's tracks that fit
 constexpr double kCoarseOutlierPx = 100.0;  // after the first round, with poses that may still be far off
 
 double median(std::vector<double> values) {
@@ -42,27 +43,38 @@ std::string checkInput(const std::vector<FeatureFrame>& keyframes, const std::ve
   return problem.str();
 }
 
-// Fewest landmarks that any keyframe sees; `keyframe`: which.
-int fewestObservations(const std::vector<StructureTrack>& tracks, std::size_t keyframes, int* keyframe) {
+std::vector<int> observationCounts(const std::vector<StructureTrack>& tracks, std::size_t keyframes) {
   std::vector<int> count(keyframes, 0);
   for (const StructureTrack& track : tracks)
     for (const TrackObservation& observation : track.observations) ++count[observation.keyframe];
-  const auto fewest = std::min_element(count.begin(), count.end());
-  *keyframe = static_cast<int>(fewest - count.begin());
-  return *fewest;
+  return count;
 }
 
 std::string checkTracks(const std::vector<StructureTrack>& tracks, std::size_t keyframes,
                         const StructureOptions& options) {
   std::ostringstream problem;
-  int keyframe = 0;
+  const std::vector<int> counts = observationCounts(tracks, keyframes);
+  const auto fewest = std::min_element(counts.begin(), counts.end());
   if (static_cast<int>(tracks.size()) < options.min_landmarks) {
     problem << "only " << tracks.size() << " tracks last over " << options.min_track_length
             << " keyframes and fit";
-  } else if (fewestObservations(tracks, keyframes, &keyframe) < options.min_landmarks_per_keyframe) {
-    problem << "keyframe " << keyframe << " sees only " << fewestObservations(tracks, keyframes, &keyframe)
-            << " landmarks";
+  } else if (*fewest < options.min_landmarks_per_keyframe) {
+    problem << "keyframe " << fewest - counts.begin() << " sees only " << *fewest << " landmarks";
   }
+  return problem.str();
+}
+
+// A structure in parts that do not fit together fits each part well and drops the tracks between them: some keyframe
+// then keeps few of its tracks.
+std::string checkShares(const std::vector<StructureTrack>& tracks, const std::vector<StructureTrack>& kept,
+                        std::size_t keyframes) {
+  const std::vector<int> before = observationCounts(tracks, keyframes),
+                         after = observationCounts(kept, keyframes);
+  std::ostringstream problem;
+  for (std::size_t k = 0; k < keyframes && problem.str().empty(); ++k)
+    if (after[k] < kLeastShare * before[k])
+      problem << "only " << after[k] << " of " << before[k] << " tracks in keyframe " << k
+              << " fit the structure";
   return problem.str();
 }
 
@@ -146,6 +158,8 @@ std::string adjust(const std::vector<StructureTrack>& tracks, const StructureOpt
     const std::string failure = checkTracks(problem->tracks, problem->poses.size(), options);
     if (!failure.empty()) return failure;
   }
+  const std::string failure = checkShares(tracks, problem->tracks, problem->poses.size());
+  if (!failure.empty()) return failure;
   result->rms_px = totalRms(*problem);
   if (result->rms_px <= options.max_rms_px) return std::string();
   std::ostringstream reason;

@@ -46,7 +46,10 @@ double kept(const FeatureFrame& before, const FeatureFrame& after) {
 class FeatureTrackerTest : public ::testing::Test {
  protected:
   // Made once: the textures take a while.
-  static void SetUpTestSuite() { renderer_ = std::make_unique<RoomRenderer>(room_, camera_, 1); }
+  static void SetUpTestSuite() {
+    cv::setNumThreads(1);  // the waiting of OpenCV's threads for each other takes long on a busy machine
+    renderer_ = std::make_unique<RoomRenderer>(room_, camera_, 1);
+  }
   static void TearDownTestSuite() { renderer_.reset(); }
 
   static Transform cameraPose(double t) {
