@@ -24,6 +24,7 @@ constexpr double kSigmaInflation =
 constexpr double kOutlierPx = 4.0;        // [px] after the first solve
 constexpr double kLargestPixelRms = 2.0;  // [px] of an acceptable solution
 constexpr int kSolveIterations = 20;
+constexpr double kLongestPause = 4.0;  // times the interval between attempts
 
 // Relative sigma of the trajectory's scale: the part of the positions' covariance along the positions themselves.
 double relativeScaleSigma(const VisualInertialGraph& graph, const GraphCovariance& covariance) {
@@ -105,6 +106,7 @@ std::optional<InitializedProblem> CalibratingInitializer::addFrame(const Feature
   }
   if (!attemptDue(frame)) return std::nullopt;
   last_attempt_ = frame.stamp;
+  attempt_pause_ = options_.attempt_interval;
   ++status_.attempts;
   return attempt(imu);
 }
@@ -117,7 +119,7 @@ bool CalibratingInitializer::isKeyframe(const FeatureFrame& frame) const {
 bool CalibratingInitializer::attemptDue(const FeatureFrame& frame) const {
   return static_cast<int>(keyframes_.size()) >= options_.min_keyframes &&
          keyframes_.back().stamp == frame.stamp &&
-         toSeconds(frame.stamp - last_attempt_) >= options_.attempt_interval - 1e-3;
+         toSeconds(frame.stamp - last_attempt_) >= attempt_pause_ - 1e-3;
 }
 
 bool CalibratingInitializer::fail(const std::string& reason, const std::string& advice) {
@@ -258,6 +260,8 @@ bool CalibratingInitializer::judge(const InitializedProblem& problem) {
   const NoiseFactors& factors = problem.noise.factors();
   std::ostringstream why;
   if (!(sigma_scale < options_.max_sigma_scale)) {
+    // The further away, the longer it takes to get there; a batch is the dearest step of all.
+    attempt_pause_ *= std::clamp(sigma_scale / options_.max_sigma_scale, 1.0, kLongestPause);
     why << "scale is known to " << 100.0 * sigma_scale << " % (sigma), needs "
         << 100.0 * options_.max_sigma_scale << " %";
   } else if (!(rms < kLargestPixelRms)) {

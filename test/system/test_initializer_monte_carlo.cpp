@@ -13,6 +13,7 @@
 #include <string>
 #include <vector>
 
+#include "autocal_vio/calibration_io/estimator_file.h"
 #include "system_run.h"
 
 namespace autocal_vio {
@@ -27,6 +28,12 @@ using Vector6d = Eigen::Matrix<double, 6, 1>;
 int seeds(int standard) {
   const char* wanted = std::getenv("AUTOCAL_VIO_SEEDS");
   return wanted ? std::atoi(wanted) : standard;
+}
+
+// The defaults, or the settings in the file that AUTOCAL_VIO_ESTIMATOR names.
+VioOptions options() {
+  const char* file = std::getenv("AUTOCAL_VIO_ESTIMATOR");
+  return file ? loadEstimatorFile(file) : VioOptions();
 }
 
 bool verbose() {
@@ -84,7 +91,7 @@ Outcome run(const FeatureSimulationOptions& simulation) {
   Outcome outcome;
   std::vector<Eigen::Vector3d> estimated, true_positions;
   std::size_t index = 0;
-  VioSystem system(data.rig.rig, VioOptions(), [&](const VioUpdate& update) {
+  VioSystem system(data.rig.rig, options(), [&](const VioUpdate& update) {
     while (index + 1 < data.truth.size() && data.truth[index].stamp < update.stamp) ++index;
     const double t = toSeconds(update.stamp - motion_begin);
     outcome.last = compare(update.calibration, data.rig.T_imu_cam);

@@ -88,6 +88,7 @@ class CalibratingInitializer {
   std::deque<FeatureFrame> keyframes_;
   bool hold_prior_ = false;
   TimeNs last_attempt_ = 0;
+  double attempt_pause_ = 0.0;  ///< before the next attempt [s]
   InitializerStatus status_;
 };
 

@@ -12,7 +12,7 @@ struct RotationCalibratorOptions {
   int min_pairs = 10;
   double solve_interval = 0.25;
   double hand_eye_threshold_deg = 5.0;
-  double max_sigma_deg = 0.25;
+  double max_sigma_deg = 0.5;
   double min_second_axis_deg = 5.0;
   double max_residual_scale = 8.0;
   double correlation_factor = 2.0;
