@@ -49,8 +49,10 @@ RunResult run(const FeatureDataset& data, RotationCalibrator* calibrator, double
 
 RotationCalibrator makeCalibrator(const FeatureDataset& data) {
   const CameraModel camera(*data.rig.rig.camera);
+  RotationCalibratorOptions options;
+  options.max_sigma_deg = 0.25;  // the errors at acceptance below belong to it
   return RotationCalibrator(camera.focalLength(), data.rig.rig.imu_noise, TimeOffsetPrior{0.0, 0.02},
-                            RotationCalibratorOptions());
+                            options);
 }
 
 Vector3d errorOf(const RotationEstimate& estimate, const FeatureDataset& data) {
