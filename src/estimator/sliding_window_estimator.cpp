@@ -16,6 +16,7 @@ constexpr double kMinOutlierPx = 1.5;        // [px] and at least this far
 constexpr double kPixelSigmaGain = 0.05;     // per keyframe
 constexpr double kSmallestTrackShare =
     0.5;  // of the last keyframe's tracks still seen, or it is time for another
+constexpr std::size_t kFewestPoints = 8;    // seen before, or the image ties nothing to the window
 constexpr double kLongestBridgedGap = 0.5;  // [s] without IMU samples
 constexpr double kGapNoiseFactor = 20.0;    // noise across a gap in the IMU samples
 constexpr double kLargestSpeed = 100.0;     // [m/s]
@@ -87,37 +88,81 @@ SlidingWindowEstimator::SlidingWindowEstimator(VisualInertialGraph graph, const 
     : options_(options), graph_(std::move(graph)), noise_(noise) {
   graph_.landmarkMap().closeFullLandmarks();
   while (static_cast<int>(graph_.frames().size()) > options_.window_keyframes) graph_.marginalizeOldest();
-  covariance_ = graph_.covariance();
-  covariance_frame_ = newest().id;
+  last_sighted_ = newest().stamp;
+  updateCovariance();
+  sighted_position_sigma_ = positionSigma();
+}
+
+EstimatorResult SlidingWindowEstimator::fail(const std::string& problem, bool diverged) const {
+  EstimatorResult result;
+  result.healthy = false;
+  result.diverged = diverged;
+  result.problem = problem;
+  return result;
 }
 
 EstimatorResult SlidingWindowEstimator::process(const FeatureFrame& frame, const ImuBuffer& imu) {
-  EstimatorResult result;
-  if (!appendPredictedFrame(frame, imu, noise_.noise(), &graph_, &result.problem)) {
-    result.healthy = false;
-    return result;
-  }
+  std::string problem = findLoss(frame.stamp);
+  if (!problem.empty() || !appendPredictedFrame(frame, imu, noise_.noise(), &graph_, &problem))
+    return fail(problem, false);
   if (!newest_is_keyframe_) graph_.dropSecondNewest();
-  newest_is_keyframe_ = result.keyframe = isKeyframe();
+  newest_is_keyframe_ = isKeyframe();
   const SolveSummary summary = newest_is_keyframe_ ? graph_.solve(options_.max_iterations, kFunctionTolerance)
                                                    : graph_.solveNewest(options_.max_iterations);
-  if (!summary.usable) {
-    result.healthy = false;
-    result.problem = "the solver failed";
-    return result;
-  }
-  result.problem = findFault();
-  result.healthy = result.problem.empty();
-  if (result.healthy && newest_is_keyframe_) {
+  if (!summary.usable) return fail("the solver failed", true);
+  problem = findFault();
+  if (!problem.empty()) return fail(problem, true);
+  const bool sighted = newestIsTied();
+  if (newest_is_keyframe_)
     graph_.dropOutliers(std::max(kMinOutlierPx, kOutlierSigmas * graph_.options().pixel_sigma));
-    covariance_ = graph_.covariance();
-    covariance_frame_ = newest().id;
-    adaptNoise();
-    adaptPixelSigma();
-    graph_.landmarkMap().closeFullLandmarks();
-    while (static_cast<int>(graph_.frames().size()) > options_.window_keyframes) graph_.marginalizeOldest();
+  if (newest_is_keyframe_ || !sighted) updateCovariance();
+  if (sighted) {
+    last_sighted_ = frame.stamp;
+    sighted_position_sigma_ = positionSigma();
   }
+  EstimatorResult result;
+  result.keyframe = newest_is_keyframe_;
+  if (!newest_is_keyframe_) return result;
+  adaptNoise();
+  adaptPixelSigma();
+  graph_.landmarkMap().closeFullLandmarks();
+  while (static_cast<int>(graph_.frames().size()) > options_.window_keyframes) graph_.marginalizeOldest();
   return result;
+}
+
+// A singular problem leaves the covariance that was: none would read as perfect knowledge.
+void SlidingWindowEstimator::updateCovariance() {
+  std::optional<GraphCovariance> covariance = graph_.covariance();
+  if (!covariance) return;
+  covariance_ = std::move(covariance);
+  covariance_frame_ = newest().id;
+}
+
+double SlidingWindowEstimator::positionSigma() const {
+  if (!covariance_) return 0.0;
+  const Eigen::MatrixXd pose = covariance_->block({covariance_frame_, BlockKind::kPose});
+  return options_.sigma_inflation * std::sqrt(std::max(0.0, pose.topLeftCorner<3, 3>().trace()));
+}
+
+std::string SlidingWindowEstimator::findLoss(TimeNs stamp) const {
+  std::ostringstream text;
+  const double blind = toSeconds(stamp - last_sighted_);
+  const double drift = positionSigma() - sighted_position_sigma_;
+  if (blind > options_.max_blind_time) {
+    text << "no usable image for " << blind << " s";
+  } else if (drift > options_.max_position_drift) {
+    text << "the position is uncertain by " << drift << " m (sigma) more after " << blind
+         << " s without usable images";
+  }
+  return text.str();
+}
+
+bool SlidingWindowEstimator::newestIsTied() const {
+  const FrameId id = newest().id;
+  std::size_t tied = 0;
+  for (const auto& [landmark_id, landmark] : graph_.landmarkMap().landmarks())
+    tied += landmark.observations.size() > 1 && landmark.observations.back().frame == id;
+  return tied >= kFewestPoints;
 }
 
 bool SlidingWindowEstimator::isKeyframe() const {
@@ -125,7 +170,9 @@ bool SlidingWindowEstimator::isKeyframe() const {
   const FrameState &last = frames[frames.size() - 2], &current = frames.back();
   const auto [parallax, common] =
       rotationCompensatedParallax(last, current, graph_.calibration().T_BC().rotation);
-  return parallax > options_.keyframe_parallax || common < kSmallestTrackShare * last.features.size() ||
+  const bool light_again = last.features.size() < kFewestPoints && current.features.size() >= kFewestPoints;
+  return parallax > options_.keyframe_parallax || light_again ||
+         common < kSmallestTrackShare * last.features.size() ||
          toSeconds(current.stamp - last.stamp) > options_.keyframe_max_interval;
 }
 

@@ -69,6 +69,12 @@ void VisualInertialGraph::anchorFirstFrame(double sigma_gyroscope_bias, double s
   first_frame_prior_ = prior;
 }
 
+void VisualInertialGraph::dropExtrinsicsPrior() {
+  const CalibrationPrior weakest;
+  calibration_prior_.sigma_translation = weakest.sigma_translation;
+  calibration_prior_.sigma_rotation = weakest.sigma_rotation;
+}
+
 void VisualInertialGraph::addFrame(FrameState frame) {
   next_frame_id_ = std::max(next_frame_id_, frame.id + 1);
   landmarks_.addObservations(frame);

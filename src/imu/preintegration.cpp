@@ -1,5 +1,6 @@
 #include "autocal_vio/imu/preintegration.h"
 
+#include <algorithm>
 #include <utility>
 
 #include "autocal_vio/geometry/so3.h"
@@ -97,7 +98,13 @@ Preintegration Preintegration::joined(const Preintegration& next) const {
   std::vector<ImuSample> samples = samples_;
   for (const ImuSample& sample : next.samples_)
     if (samples.empty() || sample.stamp > samples.back().stamp) samples.push_back(sample);
-  return Preintegration(std::move(samples), bias_, noise_);
+  // The noise of a bridged gap is larger than that of its neighbour, and must not get lost.
+  ImuNoise noise = noise_;
+  noise.accelerometer_noise_density =
+      std::max(noise_.accelerometer_noise_density, next.noise_.accelerometer_noise_density);
+  noise.gyroscope_noise_density =
+      std::max(noise_.gyroscope_noise_density, next.noise_.gyroscope_noise_density);
+  return Preintegration(std::move(samples), bias_, noise);
 }
 
 ImuIncrement Preintegration::corrected(const ImuBias& bias) const {

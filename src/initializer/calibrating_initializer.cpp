@@ -13,6 +13,7 @@ namespace autocal_vio {
 namespace {
 
 constexpr double kLargestGap = 0.1;                // [s] without IMU samples, or the keyframes start anew
+constexpr std::size_t kFewestCommonTracks = 12;    // of neighbouring keyframes, or they start anew
 constexpr double kPriorSigmaTranslation = 0.3;     // [m] lever arms are shorter than half a metre
 constexpr double kPriorSigmaAccelBias = 0.3;       // [m/s^2]
 constexpr double kPriorSigmaGyroBias = 0.1;        // [rad/s] weak: the rotation step's estimate is its mean
@@ -25,6 +26,17 @@ constexpr double kOutlierPx = 4.0;        // [px] after the first solve
 constexpr double kLargestPixelRms = 2.0;  // [px] of an acceptable solution
 constexpr int kSolveIterations = 20;
 constexpr double kLongestPause = 4.0;  // times the interval between attempts
+
+// Both in ascending order of track_id.
+std::size_t countCommonTracks(const FeatureFrame& a, const FeatureFrame& b) {
+  std::size_t count = 0;
+  auto it = a.features.begin();
+  for (const Feature& feature : b.features) {
+    while (it != a.features.end() && it->track_id < feature.track_id) ++it;
+    count += it != a.features.end() && it->track_id == feature.track_id;
+  }
+  return count;
+}
 
 // Relative sigma of the trajectory's scale: the part of the positions' covariance along the positions themselves.
 double relativeScaleSigma(const VisualInertialGraph& graph, const GraphCovariance& covariance) {
@@ -43,6 +55,16 @@ double relativeScaleSigma(const VisualInertialGraph& graph, const GraphCovarianc
 }
 
 }  // namespace
+
+std::string priorProblemText(double angle, double sigma, bool held) {
+  constexpr double kDegrees = 180.0 / 3.14159265358979323846;
+  std::ostringstream text;
+  text.precision(2);
+  text << "the extrinsics given beforehand are WRONG: their rotation is " << angle * kDegrees
+       << " deg off what images and gyroscope say (sigma given: " << sigma * kDegrees << " deg); they are "
+       << (held ? "held all the same" : "not used any more");
+  return text.str();
+}
 
 struct CalibratingInitializer::Attempt {
   Eigen::Quaterniond R_BC;
@@ -70,17 +92,38 @@ CalibratingInitializer::CalibratingInitializer(double focal_length, const ImuNoi
       graph_options_(graph_options),
       rotation_calibrator_(focal_length, noise, time_offset, rotation_options) {
   if (prior_) rotation_calibrator_.setRotationPrior(prior_->T_imu_cam.rotation, prior_->sigma_rotation);
+  if (prior_) {
+    status_.p_BC = prior_->T_imu_cam.translation;
+    status_.sigma_p_BC.setConstant(prior_->sigma_translation);
+  }
   status_.reason = "waiting for images";
 }
 
+void CalibratingInitializer::hold(bool rotation, bool translation, bool time_offset) {
+  hold_rotation_ = rotation && prior_.has_value();
+  hold_translation_ = translation && prior_.has_value();
+  if (!time_offset) {
+    held_td_.reset();
+  } else if (!held_td_) {
+    held_td_ = td();
+  }
+}
+
 double CalibratingInitializer::td() const {
+  if (held_td_) return *held_td_;
   return status_.rotation_known && status_.rotation.accepted ? status_.rotation.td : time_offset_prior_.td;
 }
 
 std::optional<Eigen::Quaterniond> CalibratingInitializer::rotation() const {
-  if (status_.rotation.accepted) return status_.rotation.R_BC;
+  if (status_.rotation.accepted && !hold_rotation_) return status_.rotation.R_BC;
   if (prior_) return prior_->T_imu_cam.rotation;
   return std::nullopt;
+}
+
+Eigen::Vector3d CalibratingInitializer::sigmaRotation() const {
+  if (prior_ && (hold_rotation_ || !status_.rotation.accepted))
+    return Eigen::Vector3d::Constant(prior_->sigma_rotation);
+  return status_.rotation.sigma;
 }
 
 Eigen::Vector3d CalibratingInitializer::gyroscopeBias() const {
@@ -89,26 +132,57 @@ Eigen::Vector3d CalibratingInitializer::gyroscopeBias() const {
 
 std::optional<InitializedProblem> CalibratingInitializer::addFrame(const FeatureFrame& frame,
                                                                    const ImuBuffer& imu) {
+  const bool was_known = status_.rotation_known;
   rotation_calibrator_.addFrame(frame, imu);
+  checkPrior();
   status_.rotation = rotation_calibrator_.estimate();
   status_.rotation_known = rotation().has_value();
-  if (isKeyframe(frame)) {
-    const TimeNs shift = fromSeconds(td());
-    if (!keyframes_.empty() &&
-        imu.largestGap(keyframes_.back().stamp + shift, frame.stamp + shift) > fromSeconds(kLargestGap))
-      keyframes_.clear();
-    keyframes_.push_back(frame);
-    while (static_cast<int>(keyframes_.size()) > options_.max_keyframes) keyframes_.pop_front();
-  }
+  if (isKeyframe(frame)) addKeyframe(frame, imu);
+  const int count = static_cast<int>(keyframes_.size());
   if (!status_.rotation_known) {
     fail(status_.rotation.reason, status_.rotation.motion_advice);
     return std::nullopt;
   }
+  if (!was_known || count < options_.min_keyframes)
+    fail("collecting keyframes for scale and gravity: " + std::to_string(count) + ", needs " +
+             std::to_string(options_.min_keyframes),
+         "move with changing speed and direction, while turning");
   if (!attemptDue(frame)) return std::nullopt;
   last_attempt_ = frame.stamp;
   attempt_pause_ = options_.attempt_interval;
   ++status_.attempts;
   return attempt(imu);
+}
+
+void CalibratingInitializer::addKeyframe(const FeatureFrame& frame, const ImuBuffer& imu) {
+  const TimeNs shift = fromSeconds(td());
+  // Keyframes are a chain: each shares tracks with the one before, without a gap in the IMU samples between.
+  const bool broken =
+      !keyframes_.empty() &&
+      (imu.largestGap(keyframes_.back().stamp + shift, frame.stamp + shift) > fromSeconds(kLargestGap) ||
+       countCommonTracks(keyframes_.back(), frame) < kFewestCommonTracks);
+  if (broken) keyframes_.clear();
+  if (frame.features.size() < kFewestCommonTracks) return;
+  keyframes_.push_back(frame);
+  while (static_cast<int>(keyframes_.size()) > options_.max_keyframes) keyframes_.pop_front();
+}
+
+void CalibratingInitializer::checkPrior() {
+  const std::optional<double>& angle = rotation_calibrator_.priorContradiction();
+  if (!prior_ || !angle) return;
+  prior_problem_ = priorProblemText(*angle, prior_->sigma_rotation, hold_rotation_ || hold_translation_);
+  if (hold_rotation_ || hold_translation_) return;
+  // Whoever is wrong about the rotation is not to be trusted with the translation.
+  prior_.reset();
+  rotation_calibrator_.dropRotationPrior();
+  status_.p_BC.setZero();
+  status_.sigma_p_BC.setConstant(InitializerStatus().sigma_p_BC.x());
+}
+
+void CalibratingInitializer::checkHeldRotation(const FeatureFrame& frame, const ImuBuffer& imu) {
+  if (!hold_rotation_ || rotation_calibrator_.priorChecked()) return;
+  rotation_calibrator_.addFrame(frame, imu);
+  checkPrior();
 }
 
 bool CalibratingInitializer::isKeyframe(const FeatureFrame& frame) const {
@@ -191,8 +265,10 @@ bool CalibratingInitializer::align(Attempt* attempt) {
   status_.sigma_scale = alignment.sigma_scale;
   status_.gravity_C0 = alignment.g_V;
   status_.sigma_gravity = alignment.sigma_gravity;
-  status_.p_BC = alignment.p_BC;
-  status_.sigma_p_BC = alignment.sigma_p_BC;
+  if (!hold_translation_) {
+    status_.p_BC = alignment.p_BC;
+    status_.sigma_p_BC = alignment.sigma_p_BC;
+  }
   status_.accelerometer_bias = alignment.accelerometer_bias;
   status_.sigma_accelerometer_bias = alignment.sigma_bias;
   return true;
@@ -213,12 +289,15 @@ InitializedProblem CalibratingInitializer::buildProblem(const Attempt& attempt) 
   InitializedProblem problem{VisualInertialGraph(graph_options_, prior),
                              NoiseAdaptation(noise_, kLargestNoiseFactor)};
   VisualInertialGraph& graph = problem.graph;
-  graph.calibration().setTransform(Transform(attempt.R_BC, alignment.p_BC));
-  if (hold_prior_) {
-    graph.calibration().setTransform(prior_->T_imu_cam);
-    graph.calibration().rotation_held = graph.calibration().translation_held = true;
-  }
-  graph.calibration().td = attempt.td;
+  Transform T_BC(attempt.R_BC, alignment.p_BC);
+  if (hold_rotation_) T_BC.rotation = prior_->T_imu_cam.rotation;
+  if (hold_translation_) T_BC.translation = prior_->T_imu_cam.translation;
+  CalibrationState& calibration = graph.calibration();
+  calibration.setTransform(T_BC);
+  calibration.td = attempt.td;
+  calibration.rotation_held = hold_rotation_;
+  calibration.translation_held = hold_translation_;
+  calibration.td_held = held_td_.has_value();
 
   const Transform T_CB = graph.calibration().T_BC().inverse();
   const Eigen::Quaterniond R_WV = alignment.R_VW.conjugate();

@@ -28,6 +28,12 @@ constexpr double kSettled = 1.0 * kDegree;
 constexpr std::size_t kStableSolutions = 3;
 constexpr double kUnknown = 104.0 * kDegree;  // per axis, of a rotation that may be any
 constexpr double kObservable = 2.0;           // times the limit of acceptance
+constexpr int kSolvesPerPriorCheck = 4;
+constexpr double kContradictionSigmas = 5.0;
+
+double largestSigma(const Matrix3d& covariance) {
+  return std::sqrt(Eigen::SelfAdjointEigenSolver<Matrix3d>(covariance).eigenvalues()(2));
+}
 
 struct CommonPoints {
   std::vector<Eigen::Vector2d> first, second;
@@ -74,13 +80,18 @@ RotationCalibrator::RotationCalibrator(double focal_length, const ImuNoise& nois
   refinement_.sigma_gyroscope_bias = options.sigma_gyroscope_bias;
   refinement_.td = time_offset.td;
   refinement_.sigma_td = std::max(time_offset.sigma_td, 1e-6);
+  forgetEstimate();
+}
+
+void RotationCalibrator::forgetEstimate() {
+  estimate_ = RotationEstimate();
   estimate_.covariance = kUnknown * kUnknown * Matrix3d::Identity();
   estimate_.sigma.setConstant(kUnknown);
-  estimate_.sigma_gyroscope_bias.setConstant(options.sigma_gyroscope_bias);
-  estimate_.td = time_offset.td;
+  estimate_.sigma_gyroscope_bias.setConstant(options_.sigma_gyroscope_bias);
+  estimate_.td = refinement_.td;
   estimate_.sigma_td = refinement_.sigma_td;
   estimate_.reason = "no rotation between camera images is known yet";
-  estimate_.motion_advice = rotationAdvice(RotationExcitation(), options.min_second_axis_deg * kDegree);
+  estimate_.motion_advice = rotationAdvice(RotationExcitation(), options_.min_second_axis_deg * kDegree);
 }
 
 void RotationCalibrator::setRotationPrior(const Quaterniond& R_BC, double sigma) {
@@ -89,6 +100,15 @@ void RotationCalibrator::setRotationPrior(const Quaterniond& R_BC, double sigma)
   estimate_.R_BC = R_BC.normalized();
   estimate_.covariance = Matrix3d::Identity() * sigma * sigma;
   estimate_.sigma = Vector3d::Constant(sigma);
+}
+
+void RotationCalibrator::dropRotationPrior() {
+  refinement_.rotation_prior.reset();
+  prior_contradiction_.reset();
+  previous_.reset();
+  recent_.clear();
+  forgetEstimate();
+  solve();
 }
 
 const FeatureFrame* RotationCalibrator::partnerOf(const FeatureFrame& frame) const {
@@ -213,6 +233,7 @@ void RotationCalibrator::solve() {
                        std::to_string(options_.min_pairs);
     return;
   }
+  if (refinement_.rotation_prior && ++solves_ % kSolvesPerPriorCheck == 0) checkPrior();
   // A fresh start finds the way out of a wrong solution; a good one does not need it.
   const bool afresh = !refinement_.rotation_prior && estimate_.sigma.maxCoeff() > kSettled;
   const auto solution = calibrateRotation(previous_, afresh, refinement_, &pairs_);
@@ -224,11 +245,37 @@ void RotationCalibrator::solve() {
   judge(*solution);
 }
 
-void RotationCalibrator::judge(const RotationCalibration& solution) {
+void RotationCalibrator::checkPrior() {
+  const RotationPrior& prior = *refinement_.rotation_prior;
+  RotationRefinementOptions without_prior = refinement_;
+  without_prior.rotation_prior.reset();
+  std::vector<RotationPair> pairs = pairs_;
+  const auto solution = calibrateRotation(std::nullopt, true, without_prior, &pairs);
+  if (!solution) return;
+  const Matrix3d covariance = flooredCovariance(*solution);
+  const RotationExcitation excitation = rotationExcitation(pairs, solution->state.gyroscope_bias);
+  const bool determined = excitation.principal(1) >= options_.min_second_axis_deg * kDegree &&
+                          largestSigma(covariance) <= options_.max_sigma_deg * kDegree &&
+                          solution->residual_scale <= options_.max_residual_scale &&
+                          solution->inlier_ratio >= 0.5;
+  if (!determined) return;
+  prior_checked_ = true;
+  const Vector3d off = logSo3((prior.R_BC.conjugate() * solution->state.R_BC).normalized());
+  const Matrix3d expected = covariance + prior.sigma * prior.sigma * Matrix3d::Identity();
+  const double sigmas = std::sqrt(off.dot(expected.inverse() * off));
+  prior_contradiction_.reset();
+  if (sigmas > kContradictionSigmas) prior_contradiction_ = off.norm();
+}
+
+Matrix3d RotationCalibrator::flooredCovariance(const RotationCalibration& solution) const {
   const double floor = options_.sigma_floor_deg * kDegree;
+  return solution.covariance.topLeftCorner<3, 3>() + floor * floor * Matrix3d::Identity();
+}
+
+void RotationCalibrator::judge(const RotationCalibration& solution) {
   RotationEstimate& e = estimate_;
   e.R_BC = solution.state.R_BC;
-  e.covariance = solution.covariance.topLeftCorner<3, 3>() + floor * floor * Matrix3d::Identity();
+  e.covariance = flooredCovariance(solution);
   e.gyroscope_bias = solution.state.gyroscope_bias;
   e.sigma_gyroscope_bias = solution.covariance.diagonal().segment<3>(3).cwiseSqrt();
   e.td = solution.state.td;
@@ -250,7 +297,7 @@ void RotationCalibrator::judge(const RotationCalibration& solution) {
   double spread = 0.0;
   for (const Quaterniond& q : recent_) spread = std::max(spread, q.angularDistance(e.R_BC));
 
-  const double worst = std::sqrt(Eigen::SelfAdjointEigenSolver<Matrix3d>(e.covariance).eigenvalues()(2));
+  const double worst = largestSigma(e.covariance);
   e.motion_advice = rotationAdvice(excitation, enough);
   if (excitation.principal(0) < enough) {
     e.reason = "too little rotation: standstill or translation only";

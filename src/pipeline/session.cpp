@@ -1,6 +1,8 @@
 #include "autocal_vio/pipeline/session.h"
 
+#include <algorithm>
 #include <cmath>
+#include <sstream>
 #include <utility>
 
 #include "autocal_vio/geometry/so3.h"
@@ -17,22 +19,36 @@ GraphOptions graphOptions(const EstimatorOptions& options) {
   return graph;
 }
 
-constexpr BlockKey kRotation{-1, BlockKind::kExtrinsicRotation};
-constexpr BlockKey kTranslation{-1, BlockKind::kExtrinsicTranslation};
-constexpr BlockKey kTimeOffset{-1, BlockKind::kTimeOffset};
+constexpr BlockKey kRotationKey{-1, BlockKind::kExtrinsicRotation};
+constexpr BlockKey kTranslationKey{-1, BlockKind::kExtrinsicTranslation};
+constexpr BlockKey kTimeOffsetKey{-1, BlockKind::kTimeOffset};
 
-// Covariance of [p_BC, theta]; held parts are known exactly as far as the estimator is concerned.
+// Covariance of [p_BC, theta] that white noise would give; zero for parts that are held.
 Matrix6d extrinsicCovariance(const GraphCovariance& covariance) {
   Matrix6d result = Matrix6d::Zero();
-  const Eigen::MatrixXd pp = covariance.block(kTranslation), tt = covariance.block(kRotation),
-                        pt = covariance.block(kTranslation, kRotation);
+  const Eigen::MatrixXd pp = covariance.block(kTranslationKey), tt = covariance.block(kRotationKey),
+                        pt = covariance.block(kTranslationKey, kRotationKey);
   if (pp.size()) result.topLeftCorner<3, 3>() = pp;
   if (tt.size()) result.bottomRightCorner<3, 3>() = tt;
-  if (pt.size()) {
-    result.topRightCorner<3, 3>() = pt;
-    result.bottomLeftCorner<3, 3>() = pt.transpose();
-  }
+  if (pt.size()) result.topRightCorner<3, 3>() = pt;
+  result.bottomLeftCorner<3, 3>() = result.topRightCorner<3, 3>().transpose();
   return result;
+}
+
+constexpr double kUnknownSigma = 1e3;          // published where nothing is known
+constexpr double kMinSigmaRotation = 1e-5;     // [rad] of a prior for the next session: less is a pretence
+constexpr double kMinSigmaTranslation = 1e-4;  // [m]
+constexpr double kMinSigmaTd = 1e-3;           // [s]
+constexpr double kTellingShare =
+    0.5;  // of a prior's sigma: known better than this, the data speak for themselves
+constexpr double kContradictionSigmas = 5.0;  // from a prior
+constexpr double kBlindRemark = 0.3;          // [s] without usable images before the reason says so
+
+// Rotation about the vertical that brings `from` nearest to `to`; defined for any attitude but one upside down.
+Eigen::Quaterniond headingBetween(const Eigen::Quaterniond& from, const Eigen::Quaterniond& to) {
+  const Eigen::Matrix3d R = (to * from.conjugate()).toRotationMatrix();
+  const double yaw = std::atan2(R(1, 0) - R(0, 1), R(0, 0) + R(1, 1));
+  return Eigen::Quaterniond(Eigen::AngleAxisd(yaw, Eigen::Vector3d::UnitZ()));
 }
 
 }  // namespace
@@ -41,16 +57,21 @@ Session::Session(double focal_length, const RigModel& rig, const VioOptions& opt
                  const std::optional<Transform>& start_pose)
     : options_(options),
       noise_(rig.imu_noise),
-      start_pose_(start_pose),
       monitor_(options.monitor),
-      inflation_(options.estimator.sigma_inflation) {
+      inflation_(options.estimator.sigma_inflation),
+      last_pose_(start_pose),
+      extrinsic_covariance_(Matrix6d::Identity() * kUnknownSigma * kUnknownSigma),
+      sigma_td_(rig.time_offset_prior.sigma_td),
+      prior_(rig.extrinsics_prior) {
   initializer_ = std::make_unique<CalibratingInitializer>(
       focal_length, rig.imu_noise, rig.extrinsics_prior, rig.time_offset_prior, options.initializer,
       options.rotation_calibrator, graphOptions(options.estimator));
-  if (options.fix_extrinsics) {
-    hold_rotation_ = hold_translation_ = true;
-    initializer_->holdPrior();
+  if (rig.extrinsics_prior) {
+    extrinsic_covariance_.diagonal().head<3>().setConstant(
+        std::pow(rig.extrinsics_prior->sigma_translation, 2));
+    extrinsic_covariance_.diagonal().tail<3>().setConstant(std::pow(rig.extrinsics_prior->sigma_rotation, 2));
   }
+  if (options.fix_extrinsics) hold(true, true, false);
 }
 
 double Session::td() const {
@@ -61,53 +82,124 @@ bool Session::process(const FeatureFrame& frame, const ImuBuffer& imu, VioUpdate
   if (!estimator_) return initialize(frame, imu, update);
   const StageClock clock;
   const EstimatorResult result = estimator_->process(frame, imu);
-  if (result.healthy && result.keyframe && estimator_->covariance()) {
-    CalibrationSample sample;
-    sample.stamp = frame.stamp;
-    sample.T_BC = estimator_->graph().calibration().T_BC();
-    const Matrix6d covariance = extrinsicCovariance(*estimator_->covariance());
-    inflation_.add(frame.stamp, sample.T_BC, covariance);
-    const double inflation = inflation_.factor();
-    sample.covariance = inflation * inflation * covariance;
-    sample.td = td();
-    const Eigen::MatrixXd variance = estimator_->covariance()->block(kTimeOffset);
-    sample.sigma_td = variance.size() ? inflation * std::sqrt(variance(0, 0)) : 0.0;
-    monitor_.add(sample);
+  if (result.healthy) {
+    updateCalibrationCovariance(result.keyframe, frame.stamp);
+    initializer_->checkHeldRotation(frame, imu);
+    if (prior_problem_.empty()) prior_problem_ = initializer_->priorProblem();
+    if (result.keyframe) {
+      checkPrior();
+      judgeCalibration(frame.stamp);
+    }
+    fillFromEstimator(imu, update);
+  } else {
+    lose(result, update);
   }
-  if (result.healthy) fillFromEstimator(imu, update);
+  remark(update);
   update->times.optimization_ms += clock.elapsedMs();
-  if (result.healthy) return true;
+  return result.healthy;
+}
+
+void Session::lose(const EstimatorResult& result, VioUpdate* update) {
+  diverged_ = result.diverged;
   update->state = VioState::kLost;
   update->reason = result.problem;
-  return false;
+  if (last_calibration_) update->calibration = *last_calibration_;
 }
 
 bool Session::initialize(const FeatureFrame& frame, const ImuBuffer& imu, VioUpdate* update) {
   const StageClock clock;
   std::optional<InitializedProblem> problem = initializer_->addFrame(frame, imu);
-  if (problem) startEstimator(std::move(*problem));
+  if (problem) startEstimator(std::move(*problem), frame.stamp);
   update->times.initialization_ms += clock.elapsedMs();
-  fillFromInitializer(update);
-  if (estimator_) fillFromEstimator(imu, update);
+  if (estimator_) {
+    fillFromEstimator(imu, update);
+  } else {
+    fillFromInitializer(update);
+  }
+  prior_problem_ = initializer_->priorProblem();
+  remark(update);
   return true;
 }
 
-void Session::startEstimator(InitializedProblem problem) {
+// The estimate may have been started from a wrong prior before the rotation step could tell: its own data overrule a
+// prior that is far away, and then it has to go, for it still pulls.
+void Session::checkPrior() {
+  if (!prior_ || !prior_problem_.empty()) return;
+  if (hold_rotation_) return;
+  const double sigma = std::sqrt(extrinsic_covariance_.diagonal().tail<3>().maxCoeff());
+  const Eigen::Quaterniond R_BC = estimator_->graph().calibration().T_BC().rotation;
+  const double angle = R_BC.angularDistance(prior_->T_imu_cam.rotation);
+  if (sigma > kTellingShare * prior_->sigma_rotation || angle < kContradictionSigmas * prior_->sigma_rotation)
+    return;
+  prior_problem_ = priorProblemText(angle, prior_->sigma_rotation, false);
+  estimator_->dropCalibrationPrior();
+}
+
+void Session::remark(VioUpdate* update) const {
+  if (!prior_problem_.empty()) update->reason = prior_problem_ + "; " + update->reason;
+}
+
+void Session::startEstimator(InitializedProblem problem, TimeNs stamp) {
   const Transform T_WB = problem.graph.frames().back().T_WB();
-  if (start_pose_) {
-    const double yaw = yawPitchRoll(start_pose_->rotation)(0) - yawPitchRoll(T_WB.rotation)(0);
-    const Eigen::Quaterniond turn(Eigen::AngleAxisd(yaw, Eigen::Vector3d::UnitZ()));
-    T_odom_W_ = Transform(turn, start_pose_->translation - turn * T_WB.translation);
+  if (last_pose_) {
+    const Eigen::Quaterniond turn = headingBetween(T_WB.rotation, last_pose_->rotation);
+    T_odom_W_ = Transform(turn, last_pose_->translation - turn * T_WB.translation);
   }
   estimator_ =
       std::make_unique<SlidingWindowEstimator>(std::move(problem.graph), problem.noise, options_.estimator);
   estimator_->hold(hold_rotation_, hold_translation_, hold_td_);
+  updateCalibrationCovariance(true, stamp);
+  judgeCalibration(stamp);
+}
+
+void Session::updateCalibrationCovariance(bool keyframe, TimeNs stamp) {
+  if (!estimator_->covariance()) return;
+  const GraphCovariance& covariance = *estimator_->covariance();
+  if (keyframe)
+    inflation_.add(stamp, estimator_->graph().calibration().T_BC(), extrinsicCovariance(covariance));
+  const double inflation = inflation_.factor();
+  const Eigen::MatrixXd pp = covariance.block(kTranslationKey), tt = covariance.block(kRotationKey),
+                        pt = covariance.block(kTranslationKey, kRotationKey),
+                        td = covariance.block(kTimeOffsetKey);
+  const double variance_factor = inflation * inflation;
+  if (pp.size()) extrinsic_covariance_.topLeftCorner<3, 3>() = variance_factor * pp;
+  if (tt.size()) extrinsic_covariance_.bottomRightCorner<3, 3>() = variance_factor * tt;
+  extrinsic_covariance_.topRightCorner<3, 3>().setZero();
+  if (pt.size()) extrinsic_covariance_.topRightCorner<3, 3>() = variance_factor * pt;
+  extrinsic_covariance_.bottomLeftCorner<3, 3>() = extrinsic_covariance_.topRightCorner<3, 3>().transpose();
+  if (td.size()) sigma_td_ = inflation * std::sqrt(std::max(0.0, td(0, 0)));
+}
+
+void Session::judgeCalibration(TimeNs stamp) {
+  CalibrationSample sample;
+  sample.stamp = stamp;
+  sample.T_BC = estimator_->graph().calibration().T_BC();
+  sample.covariance = extrinsic_covariance_;
+  sample.td = td();
+  sample.sigma_td = hold_td_ ? 0.0 : sigma_td_;
+  // Zero says that a part is held, and waits for nothing.
+  const Eigen::Matrix<double, 6, 1> sigma = extrinsic_covariance_.diagonal().cwiseMax(0.0).cwiseSqrt();
+  if (hold_translation_) sample.covariance.topRows<3>().setZero(), sample.covariance.leftCols<3>().setZero();
+  if (hold_rotation_) sample.covariance.bottomRows<3>().setZero(), sample.covariance.rightCols<3>().setZero();
+  monitor_.add(sample);
+  CalibrationKnowledge knowledge;
+  knowledge.extrinsics.T_imu_cam = sample.T_BC;
+  knowledge.extrinsics.sigma_translation = std::max(kMinSigmaTranslation, sigma.head<3>().maxCoeff());
+  knowledge.extrinsics.sigma_rotation = std::max(kMinSigmaRotation, sigma.tail<3>().maxCoeff());
+  knowledge.time_offset = {sample.td, std::max(kMinSigmaTd, sigma_td_)};
+  current_ = knowledge;
+  if (monitor_.converged()) converged_ = knowledge;
+}
+
+std::optional<CalibrationKnowledge> Session::knowledge() const {
+  return diverged_ ? converged_ : current_;
 }
 
 void Session::hold(bool rotation, bool translation, bool time_offset) {
   hold_rotation_ = rotation;
   hold_translation_ = translation;
   hold_td_ = time_offset;
+  initializer_->hold(rotation, translation, time_offset);
   if (estimator_) estimator_->hold(rotation, translation, time_offset);
 }
 
@@ -118,13 +210,16 @@ void Session::fillFromInitializer(VioUpdate* update) const {
   update->motion_advice = status.motion_advice;
   CalibrationEstimate& calibration = update->calibration;
   const RotationEstimate& rotation = status.rotation;
-  calibration.T_imu_cam = Transform(initializer_->rotation().value_or(rotation.R_BC), status.p_BC);
+  calibration.T_imu_cam.rotation = initializer_->rotation().value_or(rotation.R_BC);
+  calibration.T_imu_cam.translation = status.p_BC;
   calibration.covariance.setZero();
-  calibration.covariance.diagonal() << status.sigma_p_BC.cwiseAbs2(), rotation.sigma.cwiseAbs2();
+  calibration.covariance.diagonal().head<3>() = status.sigma_p_BC.cwiseMin(kUnknownSigma).cwiseAbs2();
+  calibration.covariance.diagonal().tail<3>() =
+      initializer_->sigmaRotation().cwiseMin(kUnknownSigma).cwiseAbs2();
   calibration.td = initializer_->td();
-  calibration.sigma_td = rotation.sigma_td;
+  calibration.sigma_td = std::min(rotation.sigma_td, kUnknownSigma);
   calibration.gyroscope_bias = rotation.gyroscope_bias;
-  calibration.sigma_gyroscope_bias = rotation.sigma_gyroscope_bias;
+  calibration.sigma_gyroscope_bias = rotation.sigma_gyroscope_bias.cwiseMin(kUnknownSigma);
   calibration.accelerometer_bias = status.accelerometer_bias;
   calibration.sigma_accelerometer_bias = status.sigma_accelerometer_bias;
   calibration.scale = status.scale;
@@ -150,6 +245,8 @@ void Session::fillFromEstimator(const ImuBuffer& imu, VioUpdate* update) {
       update->landmarks_W.push_back(T_odom_W_ * landmark.position());
   for (TrackView& track : update->tracks)
     track.in_estimate = estimator_->graph().landmarkMap().isTrackInitialized(track.id);
+  last_pose_ = update->odometry->T_odom_imu;
+  last_calibration_ = update->calibration;
 }
 
 void Session::fillOdometry(VioUpdate* update) const {
@@ -190,12 +287,11 @@ void Session::fillCalibration(VioUpdate* update) const {
   calibration.pixel_sigma = graph.optionsView().pixel_sigma;
   calibration.rotation_observable = monitor_.rotationObservable();
   calibration.translation_observable = monitor_.translationObservable();
+  calibration.covariance = extrinsic_covariance_;
+  calibration.sigma_td = sigma_td_;
   if (!estimator_->covariance()) return;
   const GraphCovariance& covariance = *estimator_->covariance();
   const double inflation = inflation_.factor();
-  calibration.covariance = inflation * inflation * extrinsicCovariance(covariance);
-  const Eigen::MatrixXd td_variance = covariance.block(kTimeOffset);
-  calibration.sigma_td = td_variance.size() ? inflation * std::sqrt(td_variance(0, 0)) : 0.0;
   const Eigen::MatrixXd motion = covariance.block({estimator_->covarianceFrame(), BlockKind::kMotion});
   const Vector9d sigma = inflation * motion.diagonal().cwiseMax(0.0).cwiseSqrt();
   calibration.sigma_gyroscope_bias = sigma.segment<3>(3);
@@ -203,15 +299,19 @@ void Session::fillCalibration(VioUpdate* update) const {
 }
 
 void Session::fillState(VioUpdate* update) const {
-  update->motion_advice = monitor_.motionAdvice();
-  if (hold_rotation_ && hold_translation_) {
-    update->state = VioState::kFrozen;
-    update->reason = "the extrinsics are held";
-    update->motion_advice.clear();
-    return;
-  }
-  update->state = monitor_.converged() ? VioState::kConverged : VioState::kEstimating;
-  update->reason = monitor_.reason();
+  const bool frozen = hold_rotation_ && hold_translation_;
+  update->state = frozen                 ? VioState::kFrozen
+                  : monitor_.converged() ? VioState::kConverged
+                                         : VioState::kEstimating;
+  update->reason = frozen ? "the extrinsics are held" : monitor_.reason();
+  update->motion_advice = frozen ? "" : monitor_.motionAdvice();
+  const double blind = estimator_->blindTime();
+  if (blind < kBlindRemark) return;
+  std::ostringstream text;
+  text.precision(2);
+  text << "no usable image for " << blind << " s, going on with the IMU alone";
+  update->reason = text.str();
+  update->motion_advice.clear();
 }
 
 std::optional<Eigen::Matrix3d> Session::predictedRotation(TimeNs previous, TimeNs current,
@@ -228,23 +328,6 @@ std::optional<Eigen::Matrix3d> Session::predictedRotation(TimeNs previous, TimeN
   if (samples.size() < 2) return std::nullopt;
   const Preintegration preintegration(std::move(samples), bias, noise_);
   return (R_BC->conjugate() * preintegration.increment().rotation * *R_BC).toRotationMatrix();
-}
-
-std::optional<ExtrinsicsPrior> Session::calibrationPrior() const {
-  if (!estimator_ || !estimator_->covariance()) return std::nullopt;
-  const double inflation = inflation_.factor();
-  const Matrix6d covariance = extrinsicCovariance(*estimator_->covariance());
-  ExtrinsicsPrior prior;
-  prior.T_imu_cam = estimator_->graph().calibration().T_BC();
-  // A millidegree or a tenth of a millimetre is no more than a pretence, whatever the covariance says.
-  prior.sigma_translation = std::max(1e-4, inflation * std::sqrt(covariance.diagonal().head<3>().maxCoeff()));
-  prior.sigma_rotation = std::max(1e-5, inflation * std::sqrt(covariance.diagonal().tail<3>().maxCoeff()));
-  return prior;
-}
-
-std::optional<Transform> Session::lastPose() const {
-  if (!estimator_) return start_pose_;
-  return T_odom_W_ * estimator_->newest().T_WB();
 }
 
 }  // namespace autocal_vio

@@ -100,10 +100,11 @@ class VioSystem::Impl {
 
   void reset(bool keep_calibration) {
     ++counters_.resets;
-    RigModel rig = rig_;
-    if (keep_calibration) rig = rigWithCalibration();
+    const RigModel rig = keep_calibration ? rigWithCalibration() : rig_;
     tracker_.reset();
     last_processed_.reset();
+    ages_.clear();
+    lost_because_.clear();
     startSession(rig, session_->lastPose());
   }
 
@@ -125,17 +126,21 @@ class VioSystem::Impl {
   // What is known of the calibration now: the running estimate, else what the session began with.
   RigModel rigWithCalibration() const {
     RigModel rig = session_rig_;
-    if (const std::optional<ExtrinsicsPrior> prior = session_->calibrationPrior()) {
-      rig.extrinsics_prior = prior;
-      rig.time_offset_prior = {session_->td(), 1e-3};
+    if (const std::optional<CalibrationKnowledge> knowledge = session_->knowledge()) {
+      rig.extrinsics_prior = knowledge->extrinsics;
+      rig.time_offset_prior = knowledge->time_offset;
     }
     return rig;
   }
 
   // The clock went back (a bag played in a loop): nothing buffered is of use, the calibration is.
+  // Messages that were on their way meanwhile may bring the old clock back for a moment: no second reset for that.
   void restartClock() {
     sync_.clear();
+    if (!last_processed_) return;
+    const bool estimating = session_->estimating();
     reset(true);
+    if (estimating) lost_because_ = "the clock went back";
   }
 
   void processReady() {
@@ -153,7 +158,12 @@ class VioSystem::Impl {
     const FeatureFrame frame = pending.features ? std::move(*pending.features) : track(pending);
     fillTracks(frame);
     last_processed_ = pending.stamp;
-    if (!session_->process(frame, sync_.imu(), &update_)) {
+    const bool sound = session_->process(frame, sync_.imu(), &update_);
+    if (session_->priorContradicted() && !options_.fix_extrinsics) {
+      rig_.extrinsics_prior.reset();
+      session_rig_.extrinsics_prior.reset();
+    }
+    if (!sound) {
       ++counters_.resets;
       const RigModel rig = rigWithCalibration();
       startSession(rig, session_->lastPose());

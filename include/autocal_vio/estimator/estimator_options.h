@@ -11,6 +11,8 @@ struct EstimatorOptions {
   double huber_threshold = 1.5;
   double gravity_magnitude = 9.81;
   double sigma_inflation = 1.2;
+  double max_blind_time = 10.0;
+  double max_position_drift = 1.0;
 
   template <class Visitor>
   void visitFields(Visitor&& visit) {
@@ -27,6 +29,9 @@ struct EstimatorOptions {
     visit("sigma_inflation", sigma_inflation, 1, 20,
           "published sigmas over those of white noise, at least; grows up to 4 times with the estimate's "
           "steps [-]");
+    visit("max_blind_time", max_blind_time, 0.5, 60, "lost after this time without usable images [s]");
+    visit("max_position_drift", max_position_drift, 0.05, 100,
+          "lost once the sigma of the position has grown by this without usable images [m]");
   }
 };
 

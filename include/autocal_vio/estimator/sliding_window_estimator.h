@@ -14,7 +14,8 @@ namespace autocal_vio {
 
 struct EstimatorResult {
   bool healthy = true;
-  std::string problem;  ///< in words, when not healthy
+  bool diverged = false;  ///< not healthy because of the estimate itself, not for want of data
+  std::string problem;    ///< in words, when not healthy
   bool keyframe = false;
 };
 
@@ -27,6 +28,9 @@ class SlidingWindowEstimator {
   /// Processes the next image's tracks; the IMU must cover its stamp + td and the time since the last image.
   EstimatorResult process(const FeatureFrame& frame, const ImuBuffer& imu);
 
+  /// Goes on without the prior on the extrinsics.
+  void dropCalibrationPrior() { graph_.dropExtrinsicsPrior(); }
+
   /// Holds or releases parts of the calibration.
   void hold(bool rotation, bool translation, bool time_offset);
 
@@ -34,12 +38,20 @@ class SlidingWindowEstimator {
   const FrameState& newest() const { return graph_.frames().back(); }
   const NoiseFactors& noiseFactors() const { return noise_.factors(); }
 
-  /// Covariance as of the last keyframe; the frame it holds for.
+  /// Time for which no image has been of use: the estimate rests on the IMU alone [s]. 0 as long as points are tracked.
+  double blindTime() const { return toSeconds(newest().stamp - last_sighted_); }
+
+  /// Covariance as of the last keyframe, or of the last image while blind; the frame it holds for.
   const std::optional<GraphCovariance>& covariance() const { return covariance_; }
   FrameId covarianceFrame() const { return covariance_frame_; }
 
  private:
+  EstimatorResult fail(const std::string& problem, bool diverged) const;
   bool isKeyframe() const;
+  bool newestIsTied() const;
+  void updateCovariance();
+  double positionSigma() const;
+  std::string findLoss(TimeNs stamp) const;
   void adaptNoise();
   void adaptPixelSigma();
   std::string findFault() const;
@@ -50,6 +62,8 @@ class SlidingWindowEstimator {
   bool newest_is_keyframe_ = true;
   std::optional<GraphCovariance> covariance_;
   FrameId covariance_frame_ = 0;
+  TimeNs last_sighted_ = 0;              ///< stamp of the last image tied to the window by tracked points
+  double sighted_position_sigma_ = 0.0;  ///< there [m]
 };
 
 /// Appends a frame to a graph, predicted by the IMU from the newest one. False with the problem in words when the

@@ -64,8 +64,10 @@ struct CalibrationState {
   bool td_held = false;
 
   Transform T_BC() const {
-    return Transform(Eigen::Quaterniond(Eigen::Map<const Eigen::Quaterniond>(rotation.data())),
-                     Eigen::Map<const Eigen::Vector3d>(translation.data()));
+    Transform T_BC;  // filled part by part: its constructor normalises, and held parts keep every bit
+    T_BC.rotation = Eigen::Map<const Eigen::Quaterniond>(rotation.data());
+    T_BC.translation = Eigen::Map<const Eigen::Vector3d>(translation.data());
+    return T_BC;
   }
   void setTransform(const Transform& T_BC) {
     Eigen::Map<Eigen::Quaterniond> q(rotation.data());

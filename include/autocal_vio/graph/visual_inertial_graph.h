@@ -56,6 +56,9 @@ class VisualInertialGraph {
   /// Fixes position and yaw of the first frame (the gauge) and adds priors on its biases [rad/s, m/s^2].
   void anchorFirstFrame(double sigma_gyroscope_bias, double sigma_accelerometer_bias);
 
+  /// Makes the prior on the extrinsics so weak that it says nothing.
+  void dropExtrinsicsPrior();
+
   /// Appends a frame; all but the first need `preintegration` from the frame before.
   void addFrame(FrameState frame);
 

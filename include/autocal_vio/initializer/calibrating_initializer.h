@@ -42,6 +42,9 @@ struct InitializedProblem {
   NoiseAdaptation noise;
 };
 
+/// Says loudly that a rotation given with `sigma` is `angle` [rad] off; `held`: it is used nevertheless.
+std::string priorProblemText(double angle, double sigma, bool held);
+
 class CalibratingInitializer {
  public:
   /// `focal_length` [px]. `prior`: calibration known beforehand; its rotation replaces the rotation step.
@@ -53,8 +56,17 @@ class CalibratingInitializer {
   /// Adds the tracks of the next image; the IMU covers its stamp + td(). Returns the problem once solved.
   std::optional<InitializedProblem> addFrame(const FeatureFrame& frame, const ImuBuffer& imu);
 
-  /// The extrinsics given as a prior keep every bit, from the first batch on. Without a prior it does nothing.
-  void holdPrior() { hold_prior_ = prior_.has_value(); }
+  /// Holds or releases parts of the calibration; what is held keeps every bit, from now on and through the batch.
+  /// Rotation and translation can be held only where a prior gives them, the time offset as it is now.
+  void hold(bool rotation, bool translation, bool time_offset);
+
+  /// What is wrong with the extrinsics given as a prior, in words; empty as long as nothing speaks against them. A prior
+  /// that is contradicted is dropped, unless it is held.
+  const std::string& priorProblem() const { return prior_problem_; }
+
+  /// After the initialisation, while the rotation is held: goes on comparing it with images and gyroscope until these
+  /// have determined it once.
+  void checkHeldRotation(const FeatureFrame& frame, const ImuBuffer& imu);
 
   const InitializerStatus& status() const { return status_; }
 
@@ -62,12 +74,16 @@ class CalibratingInitializer {
   double td() const;
   /// R_BC once known.
   std::optional<Eigen::Quaterniond> rotation() const;
+  /// One sigma of rotation(), or of the estimate so far, about the axes of C [rad].
+  Eigen::Vector3d sigmaRotation() const;
   Eigen::Vector3d gyroscopeBias() const;
 
  private:
   struct Attempt;  // the intermediate results of one attempt
 
+  void checkPrior();
   bool isKeyframe(const FeatureFrame& frame) const;
+  void addKeyframe(const FeatureFrame& frame, const ImuBuffer& imu);
   bool attemptDue(const FeatureFrame& frame) const;
   std::optional<InitializedProblem> attempt(const ImuBuffer& imu);
   bool preintegrate(const ImuBuffer& imu, Attempt* attempt);
@@ -86,7 +102,9 @@ class CalibratingInitializer {
   GraphOptions graph_options_;
   RotationCalibrator rotation_calibrator_;
   std::deque<FeatureFrame> keyframes_;
-  bool hold_prior_ = false;
+  bool hold_rotation_ = false, hold_translation_ = false;
+  std::optional<double> held_td_;
+  std::string prior_problem_;
   TimeNs last_attempt_ = 0;
   double attempt_pause_ = 0.0;  ///< before the next attempt [s]
   InitializerStatus status_;

@@ -51,6 +51,16 @@ class RotationCalibrator {
   /// A rotation known beforehand with sigma [rad] per axis: estimates start from it and are held to it.
   void setRotationPrior(const Eigen::Quaterniond& R_BC, double sigma);
 
+  /// Angle [rad] between the prior and what images and gyroscope say without it, once they determine the rotation on
+  /// their own and the prior is beyond five sigmas from it; nothing as long as they agree.
+  const std::optional<double>& priorContradiction() const { return prior_contradiction_; }
+
+  /// True once images and gyroscope have determined the rotation without the prior, so that it could be compared.
+  bool priorChecked() const { return prior_checked_; }
+
+  /// Goes on without the prior.
+  void dropRotationPrior();
+
   /// Adds the tracks of one image, in order of time. `imu` should reach some 0.6 s back.
   void addFrame(const FeatureFrame& frame, const ImuBuffer& imu);
 
@@ -63,6 +73,9 @@ class RotationCalibrator {
   void dropLeastInformative();
   void solve();
   void judge(const RotationCalibration& solution);
+  void checkPrior();
+  void forgetEstimate();
+  Eigen::Matrix3d flooredCovariance(const RotationCalibration& solution) const;
 
   double focal_length_;
   ImuNoise noise_;
@@ -75,6 +88,9 @@ class RotationCalibrator {
   std::optional<RotationState> previous_;
   std::optional<TimeNs> last_pair_;  // end of the last pair
   std::optional<TimeNs> last_solve_;
+  std::optional<double> prior_contradiction_;
+  bool prior_checked_ = false;
+  int solves_ = 0;
   int refused_pairs_ = 0;     // in a row
   std::string pair_problem_;  // of the last pair refused
   RotationEstimate estimate_;

@@ -23,7 +23,8 @@ class MeasurementSync {
   MeasurementSync();
 
   enum class ImuVerdict { kAdded, kNotFinite, kOutOfOrder, kTimeJumpedBack };
-  /// A sample more than a second older than the last is a jump of the clock, not mere disorder.
+  /// A sample more than a second older than the last is a jump of the clock, not mere disorder. Values no sensor can
+  /// give count as not finite.
   ImuVerdict addImu(const ImuSample& sample);
 
   enum class FrameVerdict { kAdded, kOutOfOrder, kTimeJumpedBack };

@@ -15,6 +15,12 @@
 
 namespace autocal_vio {
 
+/// What one session knows of the calibration, for the next one to begin with.
+struct CalibrationKnowledge {
+  ExtrinsicsPrior extrinsics;
+  TimeOffsetPrior time_offset;
+};
+
 class Session {
  public:
   /// `start_pose`: where the odometry begins (its roll and pitch are ignored: gravity gives them).
@@ -34,14 +40,22 @@ class Session {
   /// unknown or the IMU does not cover both instants.
   std::optional<Eigen::Matrix3d> predictedRotation(TimeNs previous, TimeNs current,
                                                    const ImuBuffer& imu) const;
-  /// The calibration so far as a prior for the next session; nothing where it never got that far.
-  std::optional<ExtrinsicsPrior> calibrationPrior() const;
-  /// Pose of the last estimate in the odometry frame.
-  std::optional<Transform> lastPose() const;
+  /// The calibration so far as a prior for the next session; nothing where it never got that far. Once the estimate
+  /// has diverged, only what had converged before counts.
+  std::optional<CalibrationKnowledge> knowledge() const;
+  /// True once the data have contradicted the extrinsics given to this session.
+  bool priorContradicted() const { return !prior_problem_.empty() && !hold_rotation_ && !hold_translation_; }
+  /// Pose of the last sound estimate in the odometry frame.
+  const std::optional<Transform>& lastPose() const { return last_pose_; }
 
  private:
   bool initialize(const FeatureFrame& frame, const ImuBuffer& imu, VioUpdate* update);
-  void startEstimator(InitializedProblem problem);
+  void startEstimator(InitializedProblem problem, TimeNs stamp);
+  void judgeCalibration(TimeNs stamp);
+  void updateCalibrationCovariance(bool keyframe, TimeNs stamp);
+  void checkPrior();
+  void remark(VioUpdate* update) const;
+  void lose(const EstimatorResult& result, VioUpdate* update);
   void fillFromInitializer(VioUpdate* update) const;
   void fillFromEstimator(const ImuBuffer& imu, VioUpdate* update);
   void fillOdometry(VioUpdate* update) const;
@@ -50,12 +64,21 @@ class Session {
 
   VioOptions options_;
   ImuNoise noise_;
-  std::optional<Transform> start_pose_;
   std::unique_ptr<CalibratingInitializer> initializer_;
   std::unique_ptr<SlidingWindowEstimator> estimator_;
   ExtrinsicMonitor monitor_;
   SigmaInflation inflation_;
   Transform T_odom_W_;  ///< yaw and translation only
+  std::optional<Transform> last_pose_;
+  // As published; parts that are held keep the uncertainty they had before.
+  Matrix6d extrinsic_covariance_;
+  double sigma_td_;
+  std::optional<CalibrationEstimate> last_calibration_;  ///< of the last sound estimate
+  std::optional<CalibrationKnowledge> current_,
+      converged_;  ///< of the last sound one; of the last converged one
+  bool diverged_ = false;
+  std::optional<ExtrinsicsPrior> prior_;  ///< as given
+  std::string prior_problem_;             ///< what is wrong with it, in words
   bool hold_rotation_ = false, hold_translation_ = false, hold_td_ = false;
 };
 

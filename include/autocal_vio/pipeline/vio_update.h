@@ -38,7 +38,7 @@ struct OdometryEstimate {
   Eigen::Matrix3d angular_velocity_covariance_B = Eigen::Matrix3d::Zero();  ///< [rad^2/s^2]
 };
 
-/// Everything that is calibrated, each with one sigma. A sigma of infinity: not estimated yet.
+/// Everything that is calibrated, each with one sigma; always finite. A sigma of 1e3: not estimated yet.
 struct CalibrationEstimate {
   Transform T_imu_cam;                               ///< R_BC, p_BC
   Matrix6d covariance = Matrix6d::Identity() * 1e6;  ///< p_BC in B [m], then right perturbation of R_BC [rad]
@@ -80,7 +80,7 @@ struct TrackView {
 struct VioCounters {
   std::uint64_t images_processed = 0;
   std::uint64_t images_dropped = 0;  ///< refused or skipped, for whatever reason
-  std::uint64_t imu_not_finite = 0;
+  std::uint64_t imu_not_finite = 0;  ///< or beyond what any sensor can measure
   std::uint64_t imu_out_of_order = 0;
   std::uint64_t resets = 0;
 };

@@ -1,0 +1,245 @@
+// A feature-level simulation as a stream of messages that can be damaged, and what VioSystem makes of it.
+//
+//   Stream stream(simulateFeatures(...));
+//   stream.removeImu(12.0, 13.0);                    // seconds after the first image
+//   FaultRun run = runStream(stream, rig, options);  // asserts that nothing in any update is not finite
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <deque>
+#include <functional>
+#include <map>
+#include <string>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#include "autocal_vio/geometry/so3.h"
+#include "autocal_vio/pipeline/vio_system.h"
+#include "autocal_vio/sim/feature_simulator.h"
+
+namespace autocal_vio {
+
+constexpr double kDegreesPerRadian = 180.0 / 3.14159265358979323846;
+
+struct StreamedFrame {
+  FeatureFrame frame;
+  std::size_t index = 0;  ///< into the dataset's truth
+};
+
+/// A message; `time` is when it was recorded, in seconds after the first image, and outlives changes of its stamp.
+struct StreamEvent {
+  double time = 0.0;
+  std::variant<ImuSample, StreamedFrame> message;
+
+  bool isImu() const { return std::holds_alternative<ImuSample>(message); }
+  ImuSample& imu() { return std::get<ImuSample>(message); }
+  const ImuSample& imu() const { return std::get<ImuSample>(message); }
+  FeatureFrame& frame() { return std::get<StreamedFrame>(message).frame; }
+};
+
+class Stream {
+ public:
+  explicit Stream(FeatureDataset data) : data_(std::move(data)) {
+    const TimeNs begin = data_.frames.front().stamp;
+    std::size_t frame = 0;
+    for (const ImuSample& sample : data_.imu) {
+      for (; frame < data_.frames.size() && data_.frames[frame].stamp <= sample.stamp; ++frame)
+        events_.push_back(
+            {toSeconds(data_.frames[frame].stamp - begin), StreamedFrame{data_.frames[frame], frame}});
+      events_.push_back({toSeconds(sample.stamp - begin), sample});
+    }
+  }
+
+  const FeatureDataset& data() const { return data_; }
+  std::vector<StreamEvent>& events() { return events_; }
+  const std::vector<StreamEvent>& events() const { return events_; }
+
+  void removeImu(double from, double to) {
+    removeIf([&](const StreamEvent& e) { return e.isImu() && e.time > from && e.time < to; });
+  }
+  void removeImages(double from, double to) {
+    removeIf([&](const StreamEvent& e) { return !e.isImu() && e.time > from && e.time < to; });
+    renameTracksAfter(to);
+  }
+  /// Images without any tracked point.
+  void darken(double from, double to) {
+    for (StreamEvent& e : events_)
+      if (!e.isImu() && e.time > from && e.time < to) e.frame().features.clear();
+    renameTracksAfter(to);
+  }
+  void shiftClock(double after, TimeNs shift) {
+    for (StreamEvent& e : events_) {
+      if (e.time <= after) continue;
+      (e.isImu() ? e.imu().stamp : e.frame().stamp) += shift;
+    }
+    renameTracksAfter(after);
+  }
+  void changeImu(const std::function<void(double, ImuSample*)>& change) {
+    for (StreamEvent& e : events_)
+      if (e.isImu()) change(e.time, &e.imu());
+  }
+
+ private:
+  void removeIf(const std::function<bool(const StreamEvent&)>& unwanted) {
+    std::vector<StreamEvent> kept;
+    for (StreamEvent& e : events_)
+      if (!unwanted(e)) kept.push_back(std::move(e));
+    events_ = std::move(kept);
+  }
+  // No tracker finds a point again after such a time.
+  void renameTracksAfter(double time) {
+    constexpr std::int64_t kOther = 1000000;
+    for (StreamEvent& e : events_) {
+      if (e.isImu() || e.time < time) continue;
+      for (Feature& feature : e.frame().features) feature.track_id += kOther;
+    }
+  }
+
+  FeatureDataset data_;
+  std::vector<StreamEvent> events_;
+};
+
+/// An update, when it came (seconds after the first image, unaffected by shifted clocks), and the truth there.
+struct FaultRecord {
+  double time = 0.0;
+  VioUpdate update;
+  TruthSample truth;
+
+  double sigmaPosition() const {
+    return std::sqrt(update.odometry->pose_covariance.topLeftCorner<3, 3>().trace());
+  }
+};
+
+struct FaultRun {
+  std::vector<FaultRecord> records;
+
+  const FaultRecord& last() const { return records.back(); }
+  /// The last record before `time`.
+  const FaultRecord& before(double time) const {
+    const FaultRecord* found = &records.front();
+    for (const FaultRecord& r : records)
+      if (r.time < time) found = &r;
+    return *found;
+  }
+  /// The first record from `time` on that has (or has no) odometry; null where there is none.
+  const FaultRecord* firstFrom(double time, bool with_odometry) const {
+    for (const FaultRecord& r : records)
+      if (r.time >= time && r.update.odometry.has_value() == with_odometry) return &r;
+    return nullptr;
+  }
+  std::vector<FaultRecord> between(double from, double to) const {
+    std::vector<FaultRecord> result;
+    for (const FaultRecord& r : records)
+      if (r.time > from && r.time < to) result.push_back(r);
+    return result;
+  }
+};
+
+/// Angle of the rotation about the vertical that brings a nearest to b [rad].
+inline double headingDifference(const Eigen::Quaterniond& a, const Eigen::Quaterniond& b) {
+  const Eigen::Matrix3d R = (b * a.conjugate()).toRotationMatrix();
+  return std::atan2(R(1, 0) - R(0, 1), R(0, 0) + R(1, 1));
+}
+
+/// Error of the position at `b` once position and heading agree at `a` [m].
+inline double driftBetween(const FaultRecord& a, const FaultRecord& b) {
+  const Transform &estimate_a = a.update.odometry->T_odom_imu, &estimate_b = b.update.odometry->T_odom_imu;
+  const double yaw = headingDifference(estimate_a.rotation, a.truth.T_WB.rotation);
+  const Eigen::Vector3d step =
+      Eigen::AngleAxisd(yaw, Eigen::Vector3d::UnitZ()) * (estimate_b.translation - estimate_a.translation);
+  return (step - (b.truth.T_WB.translation - a.truth.T_WB.translation)).norm();
+}
+
+inline double rotationErrorDeg(const VioUpdate& update, const FeatureDataset& data) {
+  return data.rig.T_imu_cam.rotation.angularDistance(update.calibration.T_imu_cam.rotation) *
+         kDegreesPerRadian;
+}
+
+inline double translationError(const VioUpdate& update, const FeatureDataset& data) {
+  return (update.calibration.T_imu_cam.translation - data.rig.T_imu_cam.translation).norm();
+}
+
+/// Same bits.
+inline bool identical(const Transform& a, const Transform& b) {
+  return (a.rotation.coeffs().array() == b.rotation.coeffs().array()).all() &&
+         (a.translation.array() == b.translation.array()).all();
+}
+
+/// True when every number of an update is finite.
+inline bool isFinite(const VioUpdate& update) {
+  const CalibrationEstimate& c = update.calibration;
+  bool finite =
+      c.T_imu_cam.isFinite() && c.covariance.allFinite() && std::isfinite(c.td) &&
+      std::isfinite(c.sigma_td) && c.gyroscope_bias.allFinite() && c.sigma_gyroscope_bias.allFinite() &&
+      c.accelerometer_bias.allFinite() && c.sigma_accelerometer_bias.allFinite() && std::isfinite(c.scale) &&
+      std::isfinite(c.sigma_scale) && c.gravity.allFinite() && std::isfinite(c.sigma_gravity_direction) &&
+      c.singular_values.allFinite() && std::isfinite(c.accelerometer_noise_factor) &&
+      std::isfinite(c.gyroscope_noise_factor) && std::isfinite(c.pixel_sigma);
+  if (update.odometry) {
+    const OdometryEstimate& o = *update.odometry;
+    finite = finite && o.T_odom_imu.isFinite() && o.velocity_W.allFinite() &&
+             o.angular_velocity_B.allFinite() && o.pose_covariance.allFinite() &&
+             o.velocity_covariance_W.allFinite() && o.angular_velocity_covariance_B.allFinite();
+  }
+  for (const Eigen::Vector3d& landmark : update.landmarks_W) finite = finite && landmark.allFinite();
+  return finite;
+}
+
+/// Feeds the whole stream. `at` (optional) is called before each message with its time.
+inline FaultRun runStream(const Stream& stream, const RigModel& rig, const VioOptions& options,
+                          const std::function<void(double, VioSystem*)>& at = nullptr) {
+  FaultRun run;
+  std::deque<std::pair<TimeNs, StreamEvent>> sent;  // images not answered yet
+  const auto sink = [&](const VioUpdate& update) {
+    while (!sent.empty() && sent.front().first != update.stamp) sent.pop_front();
+    ASSERT_FALSE(sent.empty()) << "an update without an image";
+    const StreamEvent& event = sent.front().second;
+    run.records.push_back(
+        {event.time, update, stream.data().truth[std::get<StreamedFrame>(event.message).index]});
+    EXPECT_TRUE(isFinite(update)) << "at " << event.time << " s: " << toString(update.state) << ", "
+                                  << update.reason;
+    EXPECT_FALSE(update.reason.empty()) << "at " << event.time << " s: " << toString(update.state);
+  };
+  VioSystem system(rig, options, sink);
+  for (const StreamEvent& event : stream.events()) {
+    if (at) at(event.time, &system);
+    if (event.isImu()) {
+      system.addImu(event.imu());
+    } else {
+      const FeatureFrame& frame = std::get<StreamedFrame>(event.message).frame;
+      sent.emplace_back(frame.stamp, event);
+      system.addFeatures(frame);
+    }
+  }
+  return run;
+}
+
+/// Prints where the state changes, for the log.
+inline void printStates(const FaultRun& run) {
+  const FaultRecord* before = nullptr;
+  for (const FaultRecord& r : run.records) {
+    if (!before || before->update.state != r.update.state)
+      std::printf("  %6.2f s %-23s %s\n", r.time, toString(r.update.state), r.update.reason.c_str());
+    before = &r;
+  }
+  std::fflush(stdout);
+}
+
+/// A stream of `seconds` of free motion with EuRoC's noise.
+inline Stream eurocStream(std::uint64_t seed, double seconds) {
+  FeatureSimulationOptions simulation = FeatureSimulationOptions::euroc(seed);
+  simulation.motion.duration = seconds;
+  return Stream(simulateFeatures(simulation));
+}
+
+/// The rig with the true extrinsics as a prior, so that estimation starts early.
+inline RigModel calibratedRig(const FeatureDataset& data) {
+  RigModel rig = data.rig.rig;
+  rig.extrinsics_prior = ExtrinsicsPrior{data.rig.T_imu_cam, 0.5 / kDegreesPerRadian, 0.01};
+  return rig;
+}
+
+}  // namespace autocal_vio

@@ -1,0 +1,84 @@
+// Runs VioSystem on a recorded data set in ASL format and measures it against the set's truth.
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <limits>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "autocal_vio/sim/recorded_trajectory.h"
+#include "autocal_vio/tools/calibration_run.h"
+#include "autocal_vio/tools/open_dataset.h"
+#include "system_run.h"
+
+namespace autocal_vio {
+
+/// Folder of recorded data (with euroc/ in it): AUTOCAL_VIO_DATA, else ../shared/data beside the source tree.
+inline std::filesystem::path recordedData() {
+  const char* given = std::getenv("AUTOCAL_VIO_DATA");
+  if (given && *given) return given;
+  return std::filesystem::path(AUTOCAL_VIO_SOURCE_FOLDER) / "../shared/data";
+}
+
+struct RecordedOutcome {
+  CalibrationRunResult result;
+  double first_odometry_s = std::numeric_limits<double>::infinity();  ///< after the first image
+  double rotation_deg = 1e3, translation_m = 1e3;                     ///< at the end
+  double ate_m = 1e3;          ///< RMSE after alignment of yaw and position
+  double largest_gap_s = 0.0;  ///< between poses
+  double cpu_seconds = 0.0;
+};
+
+/// Position of the truth at `stamp`, interpolated; `truth` in order of time and around it.
+inline Eigen::Vector3d truePosition(const std::vector<TimedPose>& truth, TimeNs stamp) {
+  const auto after = std::lower_bound(truth.begin() + 1, truth.end() - 1, stamp,
+                                      [](const TimedPose& pose, TimeNs t) { return pose.stamp < t; });
+  const TimedPose &b = *after, &a = *(after - 1);
+  const double u = toSeconds(stamp - a.stamp) / toSeconds(b.stamp - a.stamp);
+  return (1.0 - u) * a.T_WB.translation + u * b.T_WB.translation;
+}
+
+inline RecordedOutcome runRecorded(const std::string& mav0, bool true_extrinsics_as_prior) {
+  const WarningSink warn = [](const std::string& text) { ADD_FAILURE() << text; };
+  DatasetRequest request;
+  request.input = mav0;
+  request.rig_file = std::string(AUTOCAL_VIO_SOURCE_FOLDER) + "/config/euroc.yaml";
+  OpenedDataset dataset = openDataset(request, warn);
+  const Transform truth = dataset.reference_T_imu_cam.value();
+  if (true_extrinsics_as_prior) dataset.rig.extrinsics_prior = ExtrinsicsPrior{truth, 0.5 / kToDegrees, 0.01};
+  DatasetReader reader(std::move(dataset.source), DatasetWindow());
+  RecordedOutcome outcome;
+  outcome.result = runCalibration(dataset.rig, VioOptions(), &reader, warn,
+                                  [](double /*fraction*/, VioState /*state*/) {});
+  const std::vector<RunRow>& rows = outcome.result.record.rows();
+  const std::vector<TimedPose> poses = readTrajectory(mav0 + "/state_groundtruth_estimate0/data.csv");
+  std::vector<Eigen::Vector3d> estimated, true_positions;
+  TimeNs last = 0;
+  for (const RunRow& row : rows) {
+    if (!row.T_odom_imu) continue;
+    if (estimated.empty()) outcome.first_odometry_s = toSeconds(row.stamp - rows.front().stamp);
+    if (!estimated.empty())
+      outcome.largest_gap_s = std::max(outcome.largest_gap_s, toSeconds(row.stamp - last));
+    last = row.stamp;
+    estimated.push_back(row.T_odom_imu->translation);
+    true_positions.push_back(truePosition(poses, row.stamp));
+  }
+  const Transform& final = rows.back().calibration.T_imu_cam;
+  outcome.rotation_deg = truth.rotation.angularDistance(final.rotation) * kToDegrees;
+  outcome.translation_m = (final.translation - truth.translation).norm();
+  outcome.ate_m = absoluteTrajectoryError(estimated, true_positions);
+  outcome.cpu_seconds = outcome.result.timings.cpu_seconds;
+  std::printf(
+      "%s: %zu images, first odometry after %.2f s, rotation %.3f deg, translation %.1f mm, ATE %.3f m, "
+      "largest gap %.2f s, %.1f s CPU, %s\n",
+      true_extrinsics_as_prior ? "with the true extrinsics as prior" : "from nothing", rows.size(),
+      outcome.first_odometry_s, outcome.rotation_deg, 1e3 * outcome.translation_m, outcome.ate_m,
+      outcome.largest_gap_s, outcome.cpu_seconds, toString(rows.back().state));
+  return outcome;
+}
+
+}  // namespace autocal_vio

@@ -1,0 +1,182 @@
+// Parts of the calibration that are held keep every bit; priors and reasons are shown from the first update on.
+#include "fault_run.h"
+
+namespace autocal_vio {
+namespace {
+
+constexpr double kRadian = 1.0 / kDegreesPerRadian;
+
+bool sameRotation(const VioUpdate& a, const VioUpdate& b) {
+  return (a.calibration.T_imu_cam.rotation.coeffs().array() ==
+          b.calibration.T_imu_cam.rotation.coeffs().array())
+      .all();
+}
+
+bool sameTranslation(const VioUpdate& a, const VioUpdate& b) {
+  return (a.calibration.T_imu_cam.translation.array() == b.calibration.T_imu_cam.translation.array()).all();
+}
+
+// A little off, so that an estimate that is not held moves.
+RigModel rigWithPrior(const FeatureDataset& data, double rotation_deg, double translation) {
+  RigModel rig = data.rig.rig;
+  ExtrinsicsPrior prior;
+  prior.T_imu_cam = Transform(
+      data.rig.T_imu_cam.rotation * expSo3((Eigen::Vector3d(1, -2, 2) / 3.0 * rotation_deg * kRadian).eval()),
+      data.rig.T_imu_cam.translation + Eigen::Vector3d(2, 1, -2) / 3.0 * translation);
+  prior.sigma_rotation = 0.5 * kRadian;
+  prior.sigma_translation = 0.02;
+  rig.extrinsics_prior = prior;
+  return rig;
+}
+
+TEST(HeldCalibration, FixedExtrinsicsKeepEveryBitFromTheFirstUpdateToTheLast) {
+  Stream stream = eurocStream(1, 24.0);
+  stream.removeImu(14.0, 15.0);  // through a loss, too
+  const RigModel rig = rigWithPrior(stream.data(), 0.1, 0.003);
+  VioOptions options;
+  options.fix_extrinsics = true;
+  const FaultRun run = runStream(stream, rig, options);
+  for (const FaultRecord& r : run.records) {
+    ASSERT_TRUE(identical(r.update.calibration.T_imu_cam, rig.extrinsics_prior->T_imu_cam)) << r.time;
+    const Eigen::Array<double, 6, 1> sigma = r.update.calibration.covariance.diagonal().array().sqrt();
+    ASSERT_NEAR(sigma(0), rig.extrinsics_prior->sigma_translation, 1e-9) << r.time;
+    ASSERT_NEAR(sigma(5), rig.extrinsics_prior->sigma_rotation, 1e-9) << r.time;
+  }
+  EXPECT_EQ(run.last().update.state, VioState::kFrozen);
+  EXPECT_EQ(run.last().update.counters.resets, 1U);
+  ASSERT_TRUE(run.firstFrom(0.0, true));
+  EXPECT_LT(run.firstFrom(0.0, true)->time, 6.0);
+  EXPECT_LT(driftBetween(*run.firstFrom(0.0, true), run.before(14.0)), 0.15);
+}
+
+TEST(HeldCalibration, FrozenPartsKeepTheirBitsWhileTheRestMovesAndGoOnWhenReleased) {
+  const Stream stream = eurocStream(2, 30.0);
+  const auto script = [done = 0](double time, VioSystem* system) mutable {
+    const FreezeSelection steps[] = {{true, false, true}, {false, true, false}, {false, false, false}};
+    if (done < 3 && time > 14.0 + 4.0 * done) system->freeze(steps[done++]);
+  };
+  const FaultRun run = runStream(stream, stream.data().rig.rig, VioOptions(), script);
+  const auto count = [&run](double from, double to, const auto& same) {
+    const std::vector<FaultRecord> records = run.between(from, to);
+    std::size_t moves = 0;
+    for (std::size_t i = 1; i < records.size(); ++i) moves += !same(records[i - 1].update, records[i].update);
+    return moves;
+  };
+  const auto sameTd = [](const VioUpdate& a, const VioUpdate& b) {
+    return a.calibration.td == b.calibration.td;
+  };
+  EXPECT_GT(count(10.0, 14.0, sameRotation), 3U);
+  EXPECT_EQ(count(13.99, 18.0, sameRotation), 0U);
+  EXPECT_EQ(count(13.99, 18.0, sameTd), 0U);
+  EXPECT_GT(count(14.0, 18.0, sameTranslation), 3U);
+  EXPECT_EQ(count(18.06, 22.0, sameTranslation), 0U);
+  EXPECT_GT(count(18.0, 22.0, sameRotation), 3U);
+  EXPECT_GT(count(18.0, 22.0, sameTd), 3U);
+  EXPECT_GT(count(22.1, 30.0, sameRotation), 3U);
+  EXPECT_GT(count(22.1, 30.0, sameTranslation), 3U);
+  EXPECT_EQ(run.last().update.state, VioState::kConverged) << run.last().update.reason;
+  EXPECT_LT(rotationErrorDeg(run.last().update, stream.data()), 0.2);
+  EXPECT_LT(translationError(run.last().update, stream.data()), 0.015);
+}
+
+TEST(HeldCalibration, FrozenSurvivesALossAndStaysUncertainAsItWas) {
+  Stream stream = eurocStream(3, 30.0);
+  stream.removeImu(16.0, 17.0);
+  const auto script = [done = 0](double time, VioSystem* system) mutable {
+    if (done == 0 && time > 12.0) system->freeze({true, true, true}), ++done;
+    if (done == 1 && time > 25.0) system->freeze({false, false, false}), ++done;
+  };
+  const FaultRun run = runStream(stream, stream.data().rig.rig, VioOptions(), script);
+  const FaultRecord& frozen = run.before(12.2);
+  ASSERT_EQ(frozen.update.state, VioState::kFrozen);
+  for (const FaultRecord& r : run.between(12.2, 25.0)) {
+    ASSERT_TRUE(identical(r.update.calibration.T_imu_cam, frozen.update.calibration.T_imu_cam)) << r.time;
+    ASSERT_EQ(r.update.calibration.td, frozen.update.calibration.td) << r.time;
+  }
+  const Eigen::Array<double, 6, 1>
+      then = frozen.update.calibration.covariance.diagonal().array().sqrt(),
+      later = run.before(24.9).update.calibration.covariance.diagonal().array().sqrt();
+  EXPECT_GT(then.minCoeff(), 0.0);
+  for (int i = 0; i < 6; ++i) {
+    EXPECT_GE(later(i), then(i) * 0.99) << "holding makes nothing better known";
+    EXPECT_LT(later(i), then(i) * 5.0);
+  }
+  EXPECT_FALSE(identical(run.last().update.calibration.T_imu_cam, frozen.update.calibration.T_imu_cam));
+  EXPECT_LT(rotationErrorDeg(run.last().update, stream.data()), 0.2);
+}
+
+TEST(HeldCalibration, APriorIsShownWithItsSigmaUntilTheFirstEstimate) {
+  const Stream stream = eurocStream(4, 12.0);
+  const RigModel rig = rigWithPrior(stream.data(), 0.2, 0.01);
+  const FaultRun run = runStream(stream, rig, VioOptions());
+  const CalibrationEstimate& first = run.records.front().update.calibration;
+  EXPECT_TRUE(identical(first.T_imu_cam, rig.extrinsics_prior->T_imu_cam));
+  EXPECT_NEAR(std::sqrt(first.covariance(1, 1)), 0.02, 1e-12);
+  EXPECT_NEAR(std::sqrt(first.covariance(4, 4)), 0.5 * kRadian, 1e-12);
+  const FaultRecord* started = run.firstFrom(0.0, true);
+  ASSERT_TRUE(started);
+  for (const FaultRecord& r : run.records) {
+    const Transform error = rig.extrinsics_prior->T_imu_cam.inverse() * r.update.calibration.T_imu_cam;
+    EXPECT_LT(error.translation.norm(), 0.06) << r.time;
+    EXPECT_LT(logSo3(error.rotation).norm(), 1.5 * kRadian) << r.time;
+  }
+}
+
+TEST(HeldCalibration, APriorThatTheDataContradictIsDroppedLoudly) {
+  for (std::uint64_t seed = 1; seed <= 2; ++seed) {
+    const Stream stream = eurocStream(seed, 18.0);
+    RigModel rig = rigWithPrior(stream.data(), 10.0, 0.05);
+    rig.extrinsics_prior->sigma_rotation = 1.0 * kRadian;
+    const FaultRun run = runStream(stream, rig, VioOptions());
+    printStates(run);
+    const VioUpdate& last = run.last().update;
+    EXPECT_NE(last.reason.find("WRONG"), std::string::npos) << last.reason;
+    EXPECT_EQ(last.state, VioState::kConverged) << last.reason;
+    EXPECT_LT(rotationErrorDeg(last, stream.data()), 0.3);
+    EXPECT_LT(translationError(last, stream.data()), 0.02);
+    // Nothing converged is ever claimed while the wrong rotation is in use.
+    for (const FaultRecord& r : run.records) {
+      if (r.update.state != VioState::kConverged) continue;
+      EXPECT_LT(rotationErrorDeg(r.update, stream.data()), 0.3) << r.time;
+    }
+  }
+}
+
+TEST(HeldCalibration, FixedExtrinsicsThatTheDataContradictAreCalledWrong) {
+  const Stream stream = eurocStream(3, 14.0);
+  RigModel rig = rigWithPrior(stream.data(), 10.0, 0.0);
+  rig.extrinsics_prior->sigma_rotation = 1.0 * kRadian;
+  VioOptions options;
+  options.fix_extrinsics = true;
+  const FaultRun run = runStream(stream, rig, options);
+  printStates(run);
+  EXPECT_NE(run.last().update.reason.find("WRONG"), std::string::npos) << run.last().update.reason;
+  for (const FaultRecord& r : run.records)
+    ASSERT_TRUE(identical(r.update.calibration.T_imu_cam, rig.extrinsics_prior->T_imu_cam)) << r.time;
+}
+
+TEST(HeldCalibration, TheReasonIsThatOfTheNewState) {
+  for (std::uint64_t seed = 1; seed <= 2; ++seed) {
+    const Stream stream = eurocStream(seed, 14.0);
+    const FaultRun run = runStream(stream, stream.data().rig.rig, VioOptions());
+    printStates(run);
+    for (std::size_t i = 1; i < run.records.size(); ++i) {
+      const VioUpdate &before = run.records[i - 1].update, &now = run.records[i].update;
+      if (now.state == before.state) continue;
+      EXPECT_NE(now.reason, before.reason) << toString(before.state) << " -> " << toString(now.state);
+      if (now.state == VioState::kCalibratingTranslation) {
+        EXPECT_EQ(now.reason.find("the rotation is known to"), std::string::npos) << now.reason;
+        EXPECT_FALSE(now.motion_advice.empty());
+      }
+      if (now.state == VioState::kEstimating && before.state != VioState::kConverged) {
+        EXPECT_NE(now.reason, "no estimate yet");
+      }
+      if (now.state == VioState::kConverged) {
+        EXPECT_NE(now.reason.find("stable for"), std::string::npos);
+      }
+    }
+  }
+}
+
+}  // namespace
+}  // namespace autocal_vio

@@ -1,0 +1,155 @@
+// What the system does when images stop, go dark or come back.
+#include <opencv2/core/mat.hpp>
+
+#include "fault_run.h"
+
+namespace autocal_vio {
+namespace {
+
+// Odometry goes on from `from` to `to` with a covariance that grows and is honest.
+void expectDeadReckoning(const FaultRun& run, double from, double to) {
+  const FaultRecord& before = run.before(from);
+  ASSERT_TRUE(before.update.odometry);
+  double sigma = before.sigmaPosition();
+  for (const FaultRecord& r : run.between(from + 0.3, to)) {
+    ASSERT_TRUE(r.update.odometry) << r.time;
+    EXPECT_GT(r.sigmaPosition(), sigma) << r.time;
+    EXPECT_LT(driftBetween(before, r), 4.0 * r.sigmaPosition()) << r.time;
+    EXPECT_NE(r.update.reason.find("no usable image"), std::string::npos) << r.update.reason;
+    sigma = r.sigmaPosition();
+  }
+}
+
+TEST(ImageFaults, TwoSecondsWithoutImagesAreBridged) {
+  for (std::uint64_t seed = 1; seed <= 2; ++seed) {
+    Stream stream = eurocStream(seed, 24.0);
+    stream.removeImages(14.0, 16.0);
+    const FaultRun run = runStream(stream, stream.data().rig.rig, VioOptions());
+    const FaultRecord &before = run.before(14.01), &after = run.before(16.02);
+    ASSERT_TRUE(before.update.odometry && after.update.odometry);
+    EXPECT_GT(after.time, 15.9);
+    EXPECT_FALSE(run.firstFrom(14.0, false));
+    EXPECT_EQ(run.last().update.counters.resets, 0U);
+    EXPECT_GT(after.sigmaPosition(), before.sigmaPosition());
+    EXPECT_LT(driftBetween(before, after), 4.0 * after.sigmaPosition());
+    EXPECT_LT(driftBetween(before, after), 0.2);
+    EXPECT_LT(driftBetween(after, run.last()), 0.1);
+    EXPECT_LT(rotationErrorDeg(run.last().update, stream.data()), 0.2);
+    EXPECT_LT(translationError(run.last().update, stream.data()), 0.015);
+    std::printf("seed %d: %.1f mm (sigma %.1f) across 2 s, %.1f mm in the 8 s after\n",
+                static_cast<int>(seed), 1e3 * driftBetween(before, after), 1e3 * after.sigmaPosition(),
+                1e3 * driftBetween(after, run.last()));
+  }
+}
+
+TEST(ImageFaults, ThreeSecondsOfDarknessAreBridged) {
+  for (std::uint64_t seed = 1; seed <= 2; ++seed) {
+    Stream stream = eurocStream(seed, 26.0);
+    stream.darken(14.0, 17.0);
+    const FaultRun run = runStream(stream, stream.data().rig.rig, VioOptions());
+    expectDeadReckoning(run, 14.0, 17.0);
+    EXPECT_FALSE(run.firstFrom(14.0, false));
+    EXPECT_EQ(run.last().update.counters.resets, 0U);
+    const FaultRecord &before = run.before(14.01), &dark = run.before(17.0), &light = run.before(17.6);
+    EXPECT_EQ(light.update.reason.find("no usable image"), std::string::npos) << light.update.reason;
+    EXPECT_LT(driftBetween(before, dark), 0.5);
+    EXPECT_LT(driftBetween(light, run.last()), 0.15);
+    EXPECT_LT(rotationErrorDeg(run.last().update, stream.data()), 0.2);
+    EXPECT_LT(translationError(run.last().update, stream.data()), 0.015);
+    std::printf("seed %d: %.1f mm (sigma %.1f) in the dark, %.1f mm in the 8 s after\n",
+                static_cast<int>(seed), 1e3 * driftBetween(before, dark), 1e3 * dark.sigmaPosition(),
+                1e3 * driftBetween(light, run.last()));
+  }
+}
+
+TEST(ImageFaults, LongDarknessIsALossThatEndsByItself) {
+  for (std::uint64_t seed = 1; seed <= 2; ++seed) {
+    Stream stream = eurocStream(seed, 44.0);
+    stream.darken(14.0, 34.0);
+    const FaultRun run = runStream(stream, stream.data().rig.rig, VioOptions());
+    printStates(run);
+    const FaultRecord* lost = run.firstFrom(14.0, false);
+    ASSERT_TRUE(lost);
+    EXPECT_GT(lost->time, 17.0);
+    EXPECT_LT(lost->time, 24.5);
+    expectDeadReckoning(run, 14.0, lost->time);
+    EXPECT_NE(lost->update.reason.find("usable image"), std::string::npos) << lost->update.reason;
+    const FaultRecord* found = run.firstFrom(lost->time, true);
+    ASSERT_TRUE(found);
+    EXPECT_GT(found->time, 34.0);
+    EXPECT_LT(found->time, 39.0);
+    for (const FaultRecord& r : run.between(lost->time, found->time - 0.01))
+      EXPECT_EQ(r.update.state, VioState::kLost);
+    EXPECT_FALSE(run.firstFrom(found->time, false));
+    EXPECT_EQ(run.last().update.counters.resets, 1U);
+    const Transform& last_pose = run.before(lost->time).update.odometry->T_odom_imu;
+    EXPECT_LT((found->update.odometry->T_odom_imu.translation - last_pose.translation).norm(), 1e-6);
+    EXPECT_LT(rotationErrorDeg(run.last().update, stream.data()), 0.3);
+    EXPECT_LT(translationError(run.last().update, stream.data()), 0.02);
+    EXPECT_LT(driftBetween(*found, run.last()), 0.15);
+  }
+}
+
+TEST(ImageFaults, SilenceOfTwentySecondsIsALossThatEndsByItself) {
+  Stream stream = eurocStream(4, 46.0);
+  stream.removeImages(14.0, 34.0);
+  const FaultRun run = runStream(stream, stream.data().rig.rig, VioOptions());
+  printStates(run);
+  const FaultRecord* lost = run.firstFrom(14.0, false);
+  ASSERT_TRUE(lost);
+  EXPECT_EQ(lost->update.state, VioState::kLost);
+  EXPECT_NE(lost->update.reason.find("no usable image for 20"), std::string::npos) << lost->update.reason;
+  const FaultRecord* found = run.firstFrom(lost->time, true);
+  ASSERT_TRUE(found);
+  EXPECT_LT(found->time, 39.0);
+  EXPECT_EQ(run.last().update.counters.resets, 1U);
+  EXPECT_LT(rotationErrorDeg(run.last().update, stream.data()), 0.3);
+}
+
+TEST(ImageFaults, DarknessAtTheStartIsNamedAndCostsOnlyItsTime) {
+  Stream stream = eurocStream(5, 24.0);
+  stream.darken(-1.0, 6.0);
+  const FaultRun run = runStream(stream, stream.data().rig.rig, VioOptions());
+  printStates(run);
+  const FaultRecord& dark = run.before(6.0);
+  EXPECT_EQ(dark.update.state, VioState::kCalibratingRotation);
+  EXPECT_NE(dark.update.reason.find("too few points"), std::string::npos) << dark.update.reason;
+  const FaultRecord* first = run.firstFrom(0.0, true);
+  ASSERT_TRUE(first);
+  EXPECT_LT(first->time, 14.0);
+  EXPECT_LT(rotationErrorDeg(run.last().update, stream.data()), 0.3);
+}
+
+// The real tracker: a covered lens, a white wall, and nothing at all.
+TEST(ImageFaults, ImagesWithoutAnyTextureAreHarmless) {
+  const Stream stream = eurocStream(1, 6.0);
+  std::vector<VioUpdate> updates;
+  VioSystem system(calibratedRig(stream.data()), VioOptions(),
+                   [&](const VioUpdate& update) { updates.push_back(update); });
+  const cv::Size size(system.camera().width(), system.camera().height());
+  std::size_t sent = 0;
+  for (const StreamEvent& event : stream.events()) {
+    if (event.isImu()) {
+      system.addImu(event.imu());
+      continue;
+    }
+    const double grey = sent++ % 3 == 0 ? 0.0 : sent % 3 == 1 ? 255.0 : 128.0;
+    ImageFrame image{std::get<StreamedFrame>(event.message).frame.stamp,
+                     cv::Mat(size, CV_8UC1, cv::Scalar(grey))};
+    EXPECT_TRUE(system.addImage(image));
+    std::string problem;
+    EXPECT_FALSE(system.addImage({image.stamp + 1000, cv::Mat()}, &problem));
+    EXPECT_NE(problem.find("8-bit grey of 752x480"), std::string::npos) << problem;
+    EXPECT_FALSE(system.addImage({image.stamp + 2000, cv::Mat(size, CV_8UC3, cv::Scalar::all(0))}));
+    EXPECT_FALSE(system.addImage({image.stamp + 3000, cv::Mat(10, 10, CV_8UC1, cv::Scalar(0))}));
+  }
+  ASSERT_GT(updates.size(), 100U);
+  for (const VioUpdate& update : updates) {
+    EXPECT_FALSE(update.odometry);
+    EXPECT_TRUE(isFinite(update));
+  }
+  EXPECT_EQ(updates.back().counters.images_dropped, 3 * updates.size());
+}
+
+}  // namespace
+}  // namespace autocal_vio

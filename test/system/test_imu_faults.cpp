@@ -1,0 +1,193 @@
+// What the system does with IMU samples that are wrong, missing or late.
+#include <cstdint>
+#include <limits>
+
+#include "fault_run.h"
+
+namespace autocal_vio {
+namespace {
+
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+// What the odometry says, bit for bit.
+void expectSameOdometry(const FaultRun& a, const FaultRun& b) {
+  ASSERT_EQ(a.records.size(), b.records.size());
+  std::size_t poses = 0;
+  for (std::size_t i = 0; i < a.records.size(); ++i) {
+    const VioUpdate &u = a.records[i].update, &v = b.records[i].update;
+    ASSERT_EQ(u.odometry.has_value(), v.odometry.has_value());
+    ASSERT_TRUE(identical(u.calibration.T_imu_cam, v.calibration.T_imu_cam));
+    if (!u.odometry) continue;
+    ASSERT_TRUE(identical(u.odometry->T_odom_imu, v.odometry->T_odom_imu));
+    ++poses;
+  }
+  EXPECT_GT(poses, 100U);
+}
+
+// Lost once, found again by itself, with the calibration kept and without a jump.
+void expectRecovery(const FaultRun& run, const FeatureDataset& data, double fault, double return_of_data,
+                    double longest_recovery) {
+  const FaultRecord& before = run.before(fault);
+  ASSERT_TRUE(before.update.odometry);
+  const FaultRecord* lost = run.firstFrom(fault, false);
+  ASSERT_TRUE(lost);
+  EXPECT_EQ(lost->update.state, VioState::kLost);
+  const FaultRecord* found = run.firstFrom(lost->time, true);
+  ASSERT_TRUE(found);
+  EXPECT_LT(found->time - return_of_data, longest_recovery);
+  for (const FaultRecord& r : run.between(lost->time - 1e-6, found->time - 1e-6))
+    EXPECT_EQ(r.update.state, VioState::kLost) << r.time;
+
+  // The calibration is what it was, and is all the next start has.
+  const FaultRecord& last_pose = run.before(lost->time);
+  EXPECT_TRUE(identical(lost->update.calibration.T_imu_cam, last_pose.update.calibration.T_imu_cam));
+  const std::vector<FaultRecord> next = run.between(lost->time, lost->time + 0.12);
+  ASSERT_FALSE(next.empty());
+  EXPECT_TRUE(identical(next.front().update.calibration.T_imu_cam, last_pose.update.calibration.T_imu_cam));
+  EXPECT_EQ(next.front().update.calibration.td, last_pose.update.calibration.td);
+
+  const Transform &end = last_pose.update.odometry->T_odom_imu, &start = found->update.odometry->T_odom_imu;
+  EXPECT_LT((start.translation - end.translation).norm(), 1e-6) << "a jump";
+  EXPECT_LT(std::abs(headingDifference(start.rotation, end.rotation)), 1e-6) << "another heading";
+  EXPECT_FALSE(run.firstFrom(found->time, false)) << "lost again";
+  EXPECT_EQ(run.last().update.counters.resets, 1U);
+  EXPECT_LT(rotationErrorDeg(run.last().update, data), 0.3);
+  EXPECT_LT(translationError(run.last().update, data), 0.02);
+  EXPECT_LT(driftBetween(*found, run.last()), 0.15);
+  std::printf(
+      "  recovered %.2f s after the data came back, at the end %.3f deg, %.1f mm, drift since %.3f m\n",
+      found->time - return_of_data, rotationErrorDeg(run.last().update, data),
+      1e3 * translationError(run.last().update, data), driftBetween(*found, run.last()));
+}
+
+TEST(ImuFaults, ValuesThatAreNotFiniteOrImpossibleChangeNothing) {
+  Stream stream = eurocStream(1, 10.0);
+  const RigModel rig = calibratedRig(stream.data());
+  const FaultRun clean = runStream(stream, rig, VioOptions());
+  std::vector<StreamEvent> damaged;
+  std::uint64_t bad = 0;
+  for (const StreamEvent& event : stream.events()) {
+    damaged.push_back(event);
+    if (!event.isImu() || damaged.size() % 50 != 0) continue;
+    StreamEvent wrong = event;
+    wrong.imu().stamp += 1000000;
+    const double values[] = {kNan, kInfinity, -kInfinity, 1e30, 1e300};
+    double& target = bad % 2 ? wrong.imu().angular_velocity(bad % 3) : wrong.imu().acceleration(bad % 3);
+    target = values[bad % 5];
+    ++bad;
+    damaged.push_back(wrong);
+  }
+  stream.events() = damaged;
+  const FaultRun run = runStream(stream, rig, VioOptions());
+  expectSameOdometry(clean, run);
+  EXPECT_GT(bad, 25U);
+  EXPECT_EQ(run.last().update.counters.imu_not_finite, bad);
+  EXPECT_EQ(run.last().update.counters.resets, 0U);
+}
+
+TEST(ImuFaults, DisorderAndDuplicatesChangeNothing) {
+  Stream stream = eurocStream(2, 10.0);
+  const RigModel rig = calibratedRig(stream.data());
+  const FaultRun clean = runStream(stream, rig, VioOptions());
+  std::vector<StreamEvent> damaged;
+  std::uint64_t bad = 0;
+  for (const StreamEvent& event : stream.events()) {
+    damaged.push_back(event);
+    if (!event.isImu() || damaged.size() % 40 != 0) continue;
+    StreamEvent late = event;
+    late.imu().stamp -= (bad++ % 4) * 30000000;  // 0 is a duplicate; 90 ms late the most
+    damaged.push_back(late);
+  }
+  stream.events() = damaged;
+  const FaultRun run = runStream(stream, rig, VioOptions());
+  expectSameOdometry(clean, run);
+  EXPECT_EQ(run.last().update.counters.imu_out_of_order, bad);
+  EXPECT_EQ(run.last().update.counters.resets, 0U);
+}
+
+TEST(ImuFaults, GapOfThreeTenthsIsBridged) {
+  for (std::uint64_t seed = 1; seed <= 2; ++seed) {
+    Stream stream = eurocStream(seed, 18.0);
+    stream.removeImu(12.0, 12.3);
+    const FaultRun run = runStream(stream, calibratedRig(stream.data()), VioOptions());
+    const FaultRecord &before = run.before(11.99), &after = run.before(12.45);
+    ASSERT_TRUE(before.update.odometry && after.update.odometry);
+    EXPECT_FALSE(run.firstFrom(12.0, false)) << "an image without odometry";
+    EXPECT_EQ(run.last().update.counters.resets, 0U);
+    EXPECT_EQ(run.last().update.counters.images_dropped, 0U);
+    EXPECT_GT(after.sigmaPosition(), before.sigmaPosition());
+    EXPECT_LT(driftBetween(before, after), 0.03);
+    EXPECT_LT(driftBetween(before, run.last()), 0.1);
+    EXPECT_LT(rotationErrorDeg(run.last().update, stream.data()), 0.2);
+    EXPECT_LT(translationError(run.last().update, stream.data()), 0.01);
+    std::printf("seed %d: %.1f mm across the gap, %.1f mm 8 s later\n", static_cast<int>(seed),
+                1e3 * driftBetween(before, after), 1e3 * driftBetween(before, run.last()));
+  }
+}
+
+TEST(ImuFaults, GapOfASecondIsALossAndTheCalibrationIsKept) {
+  for (std::uint64_t seed = 1; seed <= 2; ++seed) {
+    Stream stream = eurocStream(seed, 24.0);
+    stream.removeImu(15.0, 16.0);
+    const FaultRun run = runStream(stream, stream.data().rig.rig, VioOptions());
+    printStates(run);
+    expectRecovery(run, stream.data(), 15.0, 16.0, 5.0);
+    EXPECT_NE(run.firstFrom(15.0, false)->update.reason.find("IMU was silent for 1"), std::string::npos);
+  }
+}
+
+TEST(ImuFaults, SilenceDropsImagesCountsThemAndEndsByItself) {
+  Stream stream = eurocStream(4, 31.0);
+  stream.removeImu(12.0, 22.0);
+  const FaultRun run = runStream(stream, calibratedRig(stream.data()), VioOptions());
+  printStates(run);
+  EXPECT_TRUE(run.between(12.1, 18.0).empty())
+      << "without the IMU there is nothing to say about those images";
+  // Ten seconds are 200 images, of which the last three seconds wait.
+  const VioCounters& counters = run.last().update.counters;
+  EXPECT_GE(counters.images_dropped, 135U);
+  EXPECT_LE(counters.images_dropped, 145U);
+  EXPECT_GE(counters.images_dropped + counters.images_processed, stream.data().frames.size() - 2);
+  expectRecovery(run, stream.data(), 12.1, 22.0, 5.0);
+}
+
+TEST(ImuFaults, ClockGoingBackIsOneResetWithTheCalibrationKept) {
+  Stream stream = eurocStream(5, 24.0);
+  stream.shiftClock(14.0, -1000 * kNsPerSecond);
+  const FaultRun run = runStream(stream, stream.data().rig.rig, VioOptions());
+  printStates(run);
+  expectRecovery(run, stream.data(), 14.01, 14.0, 5.0);
+  EXPECT_NE(run.firstFrom(14.01, false)->update.reason.find("clock"), std::string::npos);
+}
+
+TEST(ImuFaults, StragglersOfTheOldClockCostNoSecondReset) {
+  Stream stream = eurocStream(5, 24.0);
+  stream.shiftClock(14.0, -1000 * kNsPerSecond);
+  // Each topic has its own way: the last samples and images of the old clock come 60 ms too late.
+  std::vector<StreamEvent> mixed, late;
+  for (const StreamEvent& event : stream.events()) {
+    const bool straggler = event.time > 13.94 && event.time <= 14.0;
+    (straggler ? late : mixed).push_back(event);
+    if (event.time > 14.03 && !late.empty()) {
+      mixed.push_back(late.front());
+      late.erase(late.begin());
+    }
+  }
+  stream.events() = mixed;
+  const FaultRun run = runStream(stream, stream.data().rig.rig, VioOptions());
+  EXPECT_EQ(run.last().update.counters.resets, 1U);
+  EXPECT_TRUE(run.last().update.odometry);
+  EXPECT_LT(rotationErrorDeg(run.last().update, stream.data()), 0.3);
+}
+
+TEST(ImuFaults, ClockGoingForwardByAnHourIsOneLoss) {
+  Stream stream = eurocStream(6, 24.0);
+  stream.shiftClock(14.0, 3600 * kNsPerSecond);
+  const FaultRun run = runStream(stream, stream.data().rig.rig, VioOptions());
+  printStates(run);
+  expectRecovery(run, stream.data(), 14.01, 14.0, 5.0);
+}
+
+}  // namespace
+}  // namespace autocal_vio

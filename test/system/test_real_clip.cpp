@@ -1,0 +1,50 @@
+// The whole chain on recorded flights; skipped where the data is not at hand.
+#include "recorded_run.h"
+
+namespace autocal_vio {
+namespace {
+
+class RealClip : public ::testing::Test {
+ protected:
+  /// Path of mav0/ of a sequence; empty, and the test skipped, where it is missing.
+  static std::string sequence(const std::string& name) {
+    const std::filesystem::path path = recordedData() / "euroc" / name / "mav0";
+    return std::filesystem::is_directory(path / "cam0") ? path.string() : std::string();
+  }
+};
+
+TEST_F(RealClip, FlightFromNothing) {
+  const std::string mav0 = sequence("MH_05_difficult");
+  if (mav0.empty()) GTEST_SKIP() << "no recorded data in " << recordedData() << " (set AUTOCAL_VIO_DATA)";
+  const RecordedOutcome outcome = runRecorded(mav0, false);
+  EXPECT_LT(outcome.first_odometry_s, 12.0);
+  EXPECT_LT(outcome.rotation_deg, 0.7);
+  EXPECT_LT(outcome.translation_m, 0.05);
+  EXPECT_LT(outcome.ate_m, 0.25);
+  EXPECT_LT(outcome.largest_gap_s, 0.1);
+  EXPECT_EQ(outcome.result.counts.images_dropped, 0U);
+}
+
+TEST_F(RealClip, FlightWithTheTrueExtrinsicsAsPrior) {
+  const std::string mav0 = sequence("MH_05_difficult");
+  if (mav0.empty()) GTEST_SKIP() << "no recorded data in " << recordedData() << " (set AUTOCAL_VIO_DATA)";
+  const RecordedOutcome outcome = runRecorded(mav0, true);
+  EXPECT_LT(outcome.first_odometry_s, 4.0);
+  EXPECT_LT(outcome.ate_m, 0.2);
+  EXPECT_LT(outcome.rotation_deg, 0.7);
+  EXPECT_LT(outcome.largest_gap_s, 0.1);
+}
+
+TEST_F(RealClip, StandstillClaimsNothing) {
+  const std::string mav0 = sequence("V1_01_easy");
+  if (mav0.empty()) GTEST_SKIP() << "no recorded data in " << recordedData() << " (set AUTOCAL_VIO_DATA)";
+  const RecordedOutcome outcome = runRecorded(mav0, false);
+  EXPECT_FALSE(std::isfinite(outcome.first_odometry_s));
+  for (const RunRow& row : outcome.result.record.rows())
+    EXPECT_TRUE(row.state == VioState::kWaitingForData || row.state == VioState::kCalibratingRotation);
+  EXPECT_NE(outcome.result.record.lastAdvice().find("rotate"), std::string::npos)
+      << outcome.result.record.lastAdvice();
+}
+
+}  // namespace
+}  // namespace autocal_vio
