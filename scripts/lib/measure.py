@@ -85,8 +85,22 @@ def exact(table, arguments):
     table.inform('exact', 'ATE', '%.2e m' % figures['ate_m'] if 'ate_m' in figures else '-')
 
 
-def several_seeds(table, case, mode, arguments):
-    runs = [simulated(arguments.out / ('%s_%d' % (case, seed)), seed, mode)[1] for seed in range(1, arguments.seeds + 1)]
+def rendered_run(out, seed):
+    """Images of the simulated rig through a bag, as a recording would be."""
+    out.mkdir(parents=True, exist_ok=True)
+    bag, truth, extrinsics = out / 'input.bag', out / 'truth.csv', out / 'truth.yaml'
+    simulation = Run(out / 'simulation', ['simulate_bag', '--seed', seed, '--duration', SIMULATED_SECONDS, '--truth-csv',
+                                          truth, '--truth-extrinsics', extrinsics, '--force', '--quiet', bag])
+    if simulation.code != 0:
+        return {}
+    run = Run(out / 'result', ['calibrate_bag', '--config', ROOT / 'config/simulated_rig.yaml', '--force', '--out',
+                               out / 'result', bag])
+    bag.unlink()
+    return run.score(truth, extrinsics)
+
+
+def several_seeds(table, case, arguments, run_seed):
+    runs = [run_seed(arguments.out / ('%s_%d' % (case, seed)), seed) for seed in range(1, arguments.seeds + 1)]
     converged = sum(figures.get('final_state') in ('converged', 'frozen') for figures in runs)
     table.holds(case, 'seeds converged', '%d of %d' % (converged, len(runs)), 'all', converged == len(runs))
 
@@ -105,11 +119,15 @@ def several_seeds(table, case, mode, arguments):
 
 
 def noisy(table, arguments):
-    several_seeds(table, 'noisy', 'noisy', arguments)
+    several_seeds(table, 'noisy', arguments, lambda out, seed: simulated(out, seed, 'noisy')[1])
 
 
 def realistic(table, arguments):
-    several_seeds(table, 'realistic', 'realistic', arguments)
+    several_seeds(table, 'realistic', arguments, lambda out, seed: simulated(out, seed, 'realistic')[1])
+
+
+def rendered(table, arguments):
+    several_seeds(table, 'rendered', arguments, rendered_run)
 
 
 def clip_paths(folder):
@@ -201,8 +219,8 @@ def standstill(table, arguments):
     table.inform('standstill', 'reason', report.get('reason'))
 
 
-CASES = {'exact': exact, 'noisy': noisy, 'realistic': realistic, 'clip': clip, 'initial': initial, 'live': live,
-         'standstill': standstill}
+CASES = {'exact': exact, 'noisy': noisy, 'realistic': realistic, 'rendered': rendered, 'clip': clip,
+         'initial': initial, 'live': live, 'standstill': standstill}
 NEED_DATA = {'clip', 'initial', 'live', 'standstill'}
 
 
