@@ -12,7 +12,8 @@ namespace {
 using Matrix9d = Eigen::Matrix<double, 9, 9>;
 using Matrix9x30d = Eigen::Matrix<double, 9, 30>;
 
-constexpr int kNoiseRounds = 3;  // of a batch: each may change the variance by kLargestRatio
+constexpr int kNoiseRounds = 4;        // of a batch, at most: each may change the variance by kLargestRatio
+constexpr double kFactorChange = 0.2;  // relative, below which the rounds end
 constexpr double kRoundTolerance =
     1e-3;  // relative change of the cost: rounds before the last need not be exact
 constexpr double kFinalTolerance = 1e-5;
@@ -21,6 +22,7 @@ constexpr double kMinPixelSigma = 0.3;  // [px] tracks are correlated in time: n
 constexpr double kMaxPixelSigma = 3.0;  // [px]
 constexpr double kFade = 0.97;          // per update: evidence lives for some 30 intervals
 constexpr double kPriorEvidence = 0.5;  // degrees of freedom that speak for the factors staying
+constexpr double kDamping = 0.7;  // neighbouring intervals are correlated, which the information leaves out
 constexpr double kLargestRatio = 9.0;   // of the variance, in one update
 constexpr double kOutlierRatio = 25.0;  // an interval further out than this is no noise but a fault
 
@@ -64,10 +66,8 @@ Matrix9d componentCovariance(const Preintegration& pre, double gyro_density, dou
   return Preintegration(pre.samples(), pre.linearizationBias(), noise).covariance().topLeftCorner<9, 9>();
 }
 
-double updatedFactor(double factor, double observed, double expected, double largest) {
-  const double ratio = std::clamp((observed + kPriorEvidence) / (expected + kPriorEvidence),
-                                  1.0 / kLargestRatio, kLargestRatio);
-  return std::clamp(factor * std::sqrt(ratio), 1.0, largest);
+bool isClose(double before, double after) {
+  return std::abs(after - before) < kFactorChange * before;
 }
 
 }  // namespace
@@ -99,16 +99,20 @@ void NoiseAdaptation::addInterval(const VisualInertialGraph& graph, const GraphC
   const Preintegration& pre = *j.preintegration;
   const Matrix9d C = pre.covariance().topLeftCorner<9, 9>();
   const Matrix9d C_inverse = C.llt().solve(Matrix9d::Identity());
-  const Matrix9d unabsorbed = C - A * P * A.transpose();
-  const auto add = [&](const Matrix9d& component, Evidence* evidence) {
-    const Matrix9d M = C_inverse * component * C_inverse;
-    const double observed = r.dot(M * r), expected = (M * unabsorbed).trace();
-    if (!std::isfinite(observed) || !std::isfinite(expected) || expected <= 0.0) return;
-    evidence->observed += std::min(observed, kOutlierRatio * expected);
-    evidence->expected += expected;
-  };
-  add(componentCovariance(pre, 0.0, pre.noise().accelerometer_noise_density), &accelerometer_);
-  add(componentCovariance(pre, pre.noise().gyroscope_noise_density, 0.0), &gyroscope_);
+  const Matrix9d U = C - A * P * A.transpose();  // what the estimate leaves of C in the residual
+  const Matrix9d M[2] = {
+      C_inverse * componentCovariance(pre, 0.0, pre.noise().accelerometer_noise_density) * C_inverse,
+      C_inverse * componentCovariance(pre, pre.noise().gyroscope_noise_density, 0.0) * C_inverse};
+  Evidence evidence;
+  for (int k = 0; k < 2; ++k) {
+    const double expected = (M[k] * U).trace(), observed = r.dot(M[k] * r);
+    if (!(expected > 0.0) || !std::isfinite(observed)) return;
+    evidence.score(k) = std::min(observed, kOutlierRatio * expected) - expected;
+    for (int l = 0; l < 2; ++l) evidence.information(k, l) = (M[k] * U * M[l] * U).trace();
+  }
+  if (!evidence.information.allFinite()) return;
+  evidence_.score += evidence.score;
+  evidence_.information += evidence.information;
 }
 
 std::optional<double> fittedPixelSigma(const VisualInertialGraph& graph) {
@@ -127,26 +131,56 @@ std::string solveAdaptingNoise(int max_iterations, double outlier_px, VisualIner
     if (const std::optional<double> fitted = fittedPixelSigma(*graph)) graph->options().pixel_sigma = *fitted;
     const std::optional<GraphCovariance> covariance = graph->covariance();
     if (!covariance) return "scale and gravity are not determined yet";
+    const NoiseFactors before = noise->factors();
+    // The same intervals, solved with better noise, replace those of the round before.
+    noise->forgetEvidence();
     for (std::size_t i = 1; i < graph->frames().size(); ++i) noise->addInterval(*graph, *covariance, i);
     noise->update();
     for (FrameState& frame : graph->frames())
       if (frame.preintegration) frame.preintegration->repropagate(frame.bias(), noise->noise());
+    // The first round does not count: its pixel noise was only assumed.
+    if (round > 0 && isClose(before.accelerometer, noise->factors().accelerometer) &&
+        isClose(before.gyroscope, noise->factors().gyroscope))
+      break;
   }
   return graph->solve(max_iterations, kFinalTolerance).usable ? "" : "the bundle adjustment failed";
 }
 
+void NoiseAdaptation::forgetEvidence() {
+  evidence_ = Evidence();
+}
+
+// Fisher scoring: the ratio of observed to expected squares alone would creep where the images leave most of the
+// residual to be absorbed, and would take one sensor's noise for the other's.
+Eigen::Vector2d NoiseAdaptation::step() const {
+  const Eigen::Matrix2d information = evidence_.information + kPriorEvidence * Eigen::Matrix2d::Identity();
+  Eigen::Vector2d step = information.ldlt().solve(evidence_.score);
+  const double factors[2] = {factors_.accelerometer, factors_.gyroscope};
+  for (int k = 0; k < 2; ++k) {
+    // A sensor at its data sheet stays there; what it cannot explain is left to the other.
+    if (factors[k] > 1.0 || step(k) > 0.0) continue;
+    step(k) = 0.0;
+    step(1 - k) = evidence_.score(1 - k) / information(1 - k, 1 - k);
+  }
+  return step;
+}
+
 void NoiseAdaptation::update() {
-  const NoiseFactors before = factors_;
-  factors_.accelerometer =
-      updatedFactor(before.accelerometer, accelerometer_.observed, accelerometer_.expected, largest_);
-  factors_.gyroscope = updatedFactor(before.gyroscope, gyroscope_.observed, gyroscope_.expected, largest_);
-  // The evidence was gathered at the old factors: carry it over to the new ones.
-  const double a = std::pow(before.accelerometer / factors_.accelerometer, 2);
-  const double g = std::pow(before.gyroscope / factors_.gyroscope, 2);
-  accelerometer_.observed *= kFade * a;
-  accelerometer_.expected *= kFade;
-  gyroscope_.observed *= kFade * g;
-  gyroscope_.expected *= kFade;
+  const Eigen::Vector2d wanted = step();
+  Eigen::Vector2d taken;
+  double* const factors[2] = {&factors_.accelerometer, &factors_.gyroscope};
+  for (int k = 0; k < 2; ++k) {
+    // Down by as large a factor as up: a variance has no negative values to step through.
+    const double step = kDamping * wanted(k);
+    const double ratio =
+        std::clamp(step > 0.0 ? 1.0 + step : 1.0 / (1.0 - step), 1.0 / kLargestRatio, kLargestRatio);
+    const double before = *factors[k];
+    *factors[k] = std::clamp(before * std::sqrt(ratio), 1.0, largest_);
+    taken(k) = std::pow(*factors[k] / before, 2) - 1.0;
+  }
+  // The evidence was gathered at the old factors: what the step has answered is no evidence any more.
+  evidence_.score = kFade * (evidence_.score - evidence_.information * taken);
+  evidence_.information *= kFade;
 }
 
 }  // namespace autocal_vio

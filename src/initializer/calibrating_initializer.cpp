@@ -21,7 +21,7 @@ constexpr double kStructureSigmaPosition = 0.003;  // [structure units] where on
 constexpr double kStructureSigmaRotation = 0.001;  // [rad]
 constexpr double kLargestNoiseFactor = 40.0;       // accelerometer or gyroscope against its rig file
 constexpr double kSigmaInflation =
-    2.0;  // tracking errors are correlated in time: white-noise sigmas are too small
+    1.4;  // tracking errors are correlated in time: white-noise sigmas are too small
 constexpr double kOutlierPx = 4.0;        // [px] after the first solve
 constexpr double kLargestPixelRms = 2.0;  // [px] of an acceptable solution
 constexpr int kSolveIterations = 20;

@@ -32,18 +32,25 @@ class NoiseAdaptation {
   /// Moves the factors to what the evidence since the last update says, and lets old evidence fade.
   void update();
 
+  /// Forgets the evidence and keeps the factors.
+  void forgetEvidence();
+
   const NoiseFactors& factors() const { return factors_; }
   ImuNoise noise() const { return scaled(nominal_, factors_); }
 
  private:
+  // Of the variances of [accelerometer, gyroscope], relative to the present ones.
   struct Evidence {
-    double observed = 0.0, expected = 0.0;
+    Eigen::Vector2d score = Eigen::Vector2d::Zero();        // twice the gradient of the log-likelihood
+    Eigen::Matrix2d information = Eigen::Matrix2d::Zero();  // twice Fisher's
   };
+
+  Eigen::Vector2d step() const;
 
   ImuNoise nominal_;
   double largest_;
   NoiseFactors factors_;
-  Evidence accelerometer_, gyroscope_;
+  Evidence evidence_;
 };
 
 /// Pixel noise that the solved graph's residuals show [px], within bounds; nothing when it has too few.
