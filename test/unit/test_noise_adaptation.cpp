@@ -82,7 +82,8 @@ TEST_P(NoiseAdaptationFinds, TheTrueFactors) {
     EXPECT_EQ(batch.graph.frames().back().preintegration->noise().accelerometer_noise_density,
               batch.noise.noise().accelerometer_noise_density);
   }
-  std::printf("%g %g: mean log ratio %.2f %.2f\n", GetParam().accelerometer, GetParam().gyroscope, log_accelerometer, log_gyroscope);
+  std::printf("%g %g: mean log ratio %.2f %.2f\n", GetParam().accelerometer, GetParam().gyroscope,
+              log_accelerometer, log_gyroscope);
   EXPECT_NEAR(log_accelerometer, 0.0, 0.3);
   EXPECT_NEAR(log_gyroscope, 0.0, 0.35);
 }
