@@ -25,7 +25,7 @@ constexpr double kSigmaInflation =
 constexpr double kOutlierPx = 4.0;        // [px] after the first solve
 constexpr double kLargestPixelRms = 2.0;  // [px] of an acceptable solution
 constexpr int kSolveIterations = 20;
-constexpr double kLongestPause = 4.0;  // times the interval between attempts
+constexpr double kLongestPause = 2.0;  // times the interval between attempts
 
 // Both in ascending order of track_id.
 std::size_t countCommonTracks(const FeatureFrame& a, const FeatureFrame& b) {
