@@ -143,10 +143,14 @@ std::optional<InitializedProblem> CalibratingInitializer::addFrame(const Feature
     fail(status_.rotation.reason, status_.rotation.motion_advice);
     return std::nullopt;
   }
-  if (!was_known || count < options_.min_keyframes)
-    fail("collecting keyframes for scale and gravity: " + std::to_string(count) + ", needs " +
+  const std::string advice = "move with changing speed and direction, while turning";
+  if (count < options_.min_keyframes) {
+    fail("collecting keyframes for scale and gravity: " + std::to_string(count) + " of at least " +
              std::to_string(options_.min_keyframes),
-         "move with changing speed and direction, while turning");
+         advice);
+  } else if (!was_known) {
+    fail("the rotation is known, scale and gravity come next", advice);
+  }
   if (!attemptDue(frame)) return std::nullopt;
   last_attempt_ = frame.stamp;
   attempt_pause_ = options_.attempt_interval;

@@ -147,7 +147,7 @@ void SensorInputs::handleImage(const sensor_msgs::ImageConstPtr& message) {
     countRefusedImage(problem);
     return;
   }
-  if (skip(frame->stamp)) return;
+  if (skip(*frame)) return;
   if (!judge(image_guard_.check(frame->stamp), image_topic_, message->header.frame_id)) {
     ++images_refused_;
     return;
@@ -161,9 +161,12 @@ void SensorInputs::handleImage(const sensor_msgs::ImageConstPtr& message) {
   sinks_.image(std::move(*frame));
 }
 
-bool SensorInputs::skip(TimeNs stamp) {
-  if (!image_guard_.last()) return false;
-  const TimeNs interval = stamp - *image_guard_.last();
+bool SensorInputs::skip(const ImageFrame& frame) {
+  // An image of another size comes from no faster camera: it is passed on, to be refused by name.
+  const bool same_camera = frame.image.size() == last_image_size_;
+  last_image_size_ = frame.image.size();
+  if (!image_guard_.last() || !same_camera) return false;
+  const TimeNs interval = frame.stamp - *image_guard_.last();
   if (interval <= 0 || interval >= least_interval_) return false;
   if (++images_skipped_ == 1) {
     ROS_INFO_STREAM("images on " << image_topic_ << " come faster than ~max_image_rate: some are left out");

@@ -76,7 +76,7 @@ class SensorInputs {
   void handleImage(const sensor_msgs::ImageConstPtr& message);
   void handleImu(const sensor_msgs::Imu& message);
   /// True for an image that follows the last one used too closely.
-  bool skip(TimeNs stamp);
+  bool skip(const ImageFrame& frame);
   /// True when the message may be used.
   bool judge(StampVerdict verdict, const std::string& topic, const std::string& frame_id);
   void clockJumped(const std::string& what);
@@ -99,6 +99,7 @@ class SensorInputs {
   // Used by the callbacks' thread only:
   StampGuard image_guard_;
   StampGuard imu_guard_;
+  cv::Size last_image_size_;
   double now_ = 0.0;  ///< ROS time that has passed, jumps left out [s]
   ros::Time last_ros_time_;
   ros::WallTime ros_time_changed_;  ///< when last_ros_time_ last changed
