@@ -31,19 +31,20 @@ CameraIntrinsics readCamera(const std::string& path, Problems* problems) {
   const std::optional<YAML::Node> node = readYamlMap(path, problems);
   if (!node) return camera;
   YamlSection section(*node, path, "", problems);
-  const std::size_t problems_before = section.problemCount();
   const std::string coefficients_key = distortionKey(section);
   section.require({"resolution", "intrinsics", "distortion_model", coefficients_key});
   readModel(&section, &camera);
-  if (const auto values = section.numbers("intrinsics", 4, "fu fv pu pv in pixels"))
-    camera.intrinsics = Eigen::Map<const Eigen::Vector4d>(values->data());
+  // What cannot be read keeps a value that fits whatever the rest is: it needs no second complaint.
+  camera.width = camera.height = 20000;
   if (const auto values = section.numbers(coefficients_key, 4, "k1 k2 p1 p2 or k1 k2 k3 k4"))
     camera.distortion_coeffs = Eigen::Map<const Eigen::Vector4d>(values->data());
   if (const auto values = section.numbers("resolution", 2, "width and height in pixels")) {
     camera.width = static_cast<int>((*values)[0]);
     camera.height = static_cast<int>((*values)[1]);
   }
-  if (section.problemCount() > problems_before) return camera;
+  camera.intrinsics << 1000.0, 1000.0, 0.5 * camera.width, 0.5 * camera.height;
+  if (const auto values = section.numbers("intrinsics", 4, "fu fv pu pv in pixels"))
+    camera.intrinsics = Eigen::Map<const Eigen::Vector4d>(values->data());
   for (const std::string& problem : camera.validate()) section.addProblem("", problem);
   return camera;
 }
@@ -53,15 +54,16 @@ ImuNoise readImu(const std::string& path, Problems* problems) {
   const std::optional<YAML::Node> node = readYamlMap(path, problems);
   if (!node) return noise;
   YamlSection section(*node, path, "", problems);
-  const std::size_t problems_before = section.problemCount();
   section.require({"rate_hz", "gyroscope_noise_density", "gyroscope_random_walk",
                    "accelerometer_noise_density", "accelerometer_random_walk"});
-  noise.update_rate = section.number("rate_hz").value_or(0.0);
-  noise.gyroscope_noise_density = section.number("gyroscope_noise_density").value_or(0.0);
-  noise.gyroscope_random_walk = section.number("gyroscope_random_walk").value_or(0.0);
-  noise.accelerometer_noise_density = section.number("accelerometer_noise_density").value_or(0.0);
-  noise.accelerometer_random_walk = section.number("accelerometer_random_walk").value_or(0.0);
-  if (section.problemCount() > problems_before) return noise;
+  const auto read = [&section](const char* key, double* value) {
+    *value = section.number(key).value_or(*value);
+  };
+  read("rate_hz", &noise.update_rate);
+  read("gyroscope_noise_density", &noise.gyroscope_noise_density);
+  read("gyroscope_random_walk", &noise.gyroscope_random_walk);
+  read("accelerometer_noise_density", &noise.accelerometer_noise_density);
+  read("accelerometer_random_walk", &noise.accelerometer_random_walk);
   for (const std::string& problem : noise.validate()) section.addProblem("", problem);
   return noise;
 }

@@ -11,6 +11,7 @@ namespace {
 
 constexpr double kMaxTimeshift = 1.0;  // [s], beyond it clocks are not merely offset
 constexpr double kMaxLeverArm = 10.0;  // [m]
+constexpr int kLargestImage = 20000;   // [px]
 
 const char* const kImuKeys[] = {"accelerometer_noise_density", "accelerometer_random_walk",
                                 "gyroscope_noise_density", "gyroscope_random_walk", "update_rate"};
@@ -61,7 +62,7 @@ void readResolution(YamlSection* section, CameraIntrinsics* camera) {
   const auto values = section->numbers("resolution", 2, "width and height in pixels");
   if (!values) return;
   for (double value : *values) {
-    if (value == std::floor(value) && value >= 1.0 && value <= 20000.0) continue;
+    if (value == std::floor(value) && value >= 1.0 && value <= kLargestImage) continue;
     section->addProblem("resolution", "expected whole numbers of pixels within [1, 20000]");
     return;
   }
@@ -71,21 +72,21 @@ void readResolution(YamlSection* section, CameraIntrinsics* camera) {
 
 // All of the camera's own keys, or none of them: then camera_info describes it.
 void readCamera(YamlSection* section, RigModel* rig) {
-  const std::size_t problems_before = section->problemCount();
   const std::vector<std::string> keys = {"camera_model", "intrinsics", "distortion_model",
                                          "distortion_coeffs", "resolution"};
   bool any = false;
   for (const std::string& key : keys) any = any || section->has(key);
   if (!any) return;
   section->require(keys);
+  // What cannot be read keeps a value that fits whatever the rest is: it needs no second complaint.
   CameraIntrinsics camera;
+  camera.width = camera.height = kLargestImage;
   readModels(section, &camera);
   readDistortion(section, &camera);
   readResolution(section, &camera);
+  camera.intrinsics << 1000.0, 1000.0, 0.5 * camera.width, 0.5 * camera.height;
   if (const auto values = section->numbers("intrinsics", 4, "fu fv pu pv in pixels"))
     camera.intrinsics = Eigen::Map<const Eigen::Vector4d>(values->data());
-  if (section->problemCount() > problems_before)
-    return;  // values that could not be read need no second complaint
   for (const std::string& problem : camera.validate()) section->addProblem("", problem);
   rig->camera = camera;
 }
@@ -145,16 +146,10 @@ void readImu(YamlSection* section, RigModel* rig) {
   ImuNoise noise;
   double* const values[] = {&noise.accelerometer_noise_density, &noise.accelerometer_random_walk,
                             &noise.gyroscope_noise_density, &noise.gyroscope_random_walk, &noise.update_rate};
-  bool complete = true;
-  for (int i = 0; i < 5; ++i) {
-    const std::optional<double> value = section->number(kImuKeys[i]);
-    complete = complete && value;
-    *values[i] = value.value_or(*values[i]);
-  }
+  for (int i = 0; i < 5; ++i) *values[i] = section->number(kImuKeys[i]).value_or(*values[i]);
   rig->imu_topic = section->text("rostopic").value_or("");
   readImuModel(section);
   section->refuseUnknownKeys();
-  if (!complete) return;
   for (const std::string& problem : noise.validate()) section->addProblem("", problem);
   rig->imu_noise = noise;
 }
@@ -168,6 +163,7 @@ class RigReader {
  public:
   void read(const std::string& path) {
     const std::optional<YAML::Node> node = readYamlMap(path, &problems_);
+    all_read_ = all_read_ && node;
     if (!node) return;
     YamlSection root(*node, path, "", &problems_);
     if (isFlatImuFile(root)) {
@@ -175,12 +171,13 @@ class RigReader {
       return;
     }
     if (std::optional<YamlSection> imu = root.section("imu0")) readImuOnce(&*imu, path);
+    saw_imu_ = saw_imu_ || root.has("imu0");
     readCameras(&root, path);
     root.refuseUnknownKeys();
   }
 
   RigModel finish(const std::string& path, std::vector<std::string>* notes) {
-    if (problems_.empty() && !saw_imu_)
+    if (all_read_ && !saw_imu_)
       problems_.push_back(path + ": imu0: is missing; give it here or in a second file (Kalibr's imu.yaml)");
     if (!problems_.empty()) throw LoadProblems(problems_);
     if (notes) notes->insert(notes->end(), notes_.begin(), notes_.end());
@@ -221,6 +218,7 @@ class RigReader {
 
   RigModel rig_;
   bool saw_imu_ = false;
+  bool all_read_ = true;
   std::vector<std::string> problems_;
   std::vector<std::string> notes_;
 };
@@ -244,7 +242,7 @@ MountPrior loadMountPrior(const std::string& path) {
     YamlSection& section = camera ? *camera : root;
     readExtrinsics(&section, &extrinsics);
     readTimeshift(&section, &result.time_offset);
-    if (!extrinsics && problems.empty())
+    if (!section.has("T_cam_imu") && !section.has("T_imu_cam"))
       section.addProblem("", "expected T_cam_imu or T_imu_cam, a 4x4 matrix");
   }
   if (!problems.empty() || !extrinsics) throw LoadProblems(problems);

@@ -78,7 +78,7 @@ class VioSystem::Impl {
       setProblem(problem, "the image's stamp is not newer than the last");
       return false;
     }
-    if (dropped) ++counters_.images_dropped;
+    countUncovered(dropped ? 1 : 0);
     processReady();
     return true;
   }
@@ -115,6 +115,8 @@ class VioSystem::Impl {
 
   const CameraModel& camera() const { return camera_; }
   const VioUpdate& lastUpdate() const { return update_; }
+  const VioCounters& counters() const { return counters_; }
+  std::size_t imagesWaiting() const { return sync_.framesWaiting(); }
 
  private:
   void startSession(const RigModel& rig, const std::optional<Transform>& start_pose) {
@@ -136,6 +138,7 @@ class VioSystem::Impl {
   // The clock went back (a bag played in a loop): nothing buffered is of use, the calibration is.
   // Messages that were on their way meanwhile may bring the old clock back for a moment: no second reset for that.
   void restartClock() {
+    countUncovered(sync_.framesWaiting());
     sync_.clear();
     if (!last_processed_) return;
     const bool estimating = session_->estimating();
@@ -146,10 +149,15 @@ class VioSystem::Impl {
   void processReady() {
     int dropped = 0;
     while (std::optional<PendingFrame> frame = sync_.pop(session_->td(), &dropped)) {
-      counters_.images_dropped += dropped;
+      countUncovered(static_cast<std::size_t>(dropped));
       process(std::move(*frame));
     }
-    counters_.images_dropped += dropped;
+    countUncovered(static_cast<std::size_t>(dropped));
+  }
+
+  void countUncovered(std::size_t images) {
+    counters_.images_dropped += images;
+    counters_.images_uncovered += images;
   }
 
   void process(PendingFrame pending) {
@@ -250,6 +258,14 @@ const CameraModel& VioSystem::camera() const {
 
 const VioUpdate& VioSystem::lastUpdate() const {
   return impl_->lastUpdate();
+}
+
+const VioCounters& VioSystem::counters() const {
+  return impl_->counters();
+}
+
+std::size_t VioSystem::imagesWaiting() const {
+  return impl_->imagesWaiting();
 }
 
 }  // namespace autocal_vio

@@ -2,6 +2,7 @@
 
 #include <cv_bridge/cv_bridge.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <exception>
@@ -24,11 +25,19 @@ bool isFinite(const geometry_msgs::Vector3& v) {
   return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z);
 }
 
+/// True where the message says that the images are not distorted: drivers leave D empty or zero then, and the model's
+/// name, too.
+bool isUndistorted(const sensor_msgs::CameraInfo& message) {
+  if (!message.distortion_model.empty() && message.distortion_model != "plumb_bob") return false;
+  return std::all_of(message.D.begin(), message.D.end(), [](double value) { return value == 0.0; });
+}
+
 /// Distortion coefficients in Kalibr's order; false with the reason where the lens model does not fit.
 bool convertDistortion(const sensor_msgs::CameraInfo& message, CameraIntrinsics* intrinsics,
                        std::string* problem) {
   const std::vector<double>& D = message.D;
   const std::string& model = message.distortion_model;
+  if (isUndistorted(message)) return true;
   std::size_t largest = 0;  // coefficients of the model that a message may carry
   if (model == "plumb_bob") {
     largest = 5;

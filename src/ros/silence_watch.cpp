@@ -1,20 +1,37 @@
 #include "autocal_vio/ros/silence_watch.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <utility>
 
 namespace autocal_vio {
+namespace {
+
+constexpr double kSlotLength = 0.25;   // [s]
+constexpr double kShortestSpan = 0.5;  // over which a rate is stated [s]
+
+std::int64_t slotOf(double time) {
+  return static_cast<std::int64_t>(std::floor(time / kSlotLength));
+}
+
+}  // namespace
 
 SilenceWatch::SilenceWatch(std::string what, std::string topic, double start)
     : what_(std::move(what)), topic_(std::move(topic)), last_(start) {}
 
 void SilenceWatch::arrived(double now) {
   const std::lock_guard<std::mutex> lock(mutex_);
-  const double interval = std::max(0.0, now - last_);
-  if (any_) interval_ = interval_ == 0.0 ? interval : 0.95 * interval_ + 0.05 * interval;
   last_ = now;
-  any_ = true;
+  if (!any_) {  // begins the time in which messages are counted
+    any_ = true;
+    first_ = now;
+    return;
+  }
+  const std::int64_t number = slotOf(now);
+  Slot& slot = slots_[static_cast<std::size_t>(number) % slots_.size()];
+  if (slot.number != number) slot = {number, 0};
+  ++slot.messages;
 }
 
 double SilenceWatch::silentFor(double now) const {
@@ -33,8 +50,12 @@ std::optional<std::string> SilenceWatch::problem(double now, double limit) const
 
 double SilenceWatch::rate(double now) const {
   const std::lock_guard<std::mutex> lock(mutex_);
-  const double interval = std::max(interval_, now - last_);
-  return any_ && interval_ > 0.0 ? 1.0 / interval : 0.0;
+  const std::int64_t oldest = slotOf(now) - static_cast<std::int64_t>(slots_.size()) + 1;
+  const double span = now - std::max(first_, kSlotLength * static_cast<double>(oldest));
+  if (!any_ || span < kShortestSpan) return 0.0;
+  int messages = 0;
+  for (const Slot& slot : slots_) messages += slot.number >= oldest ? slot.messages : 0;
+  return messages / span;
 }
 
 }  // namespace autocal_vio

@@ -48,9 +48,8 @@ SimulatedRigParameters loadSimulatedRigParameters(const ros::NodeHandle& private
       reader.addProblem(error.what());
     }
   }
-  if (reader.problems().empty()) {
-    for (const std::string& violation : parameters.options.validate()) reader.addProblem(violation);
-  }
+  // Values out of range have been replaced by their defaults: nothing is complained about twice.
+  for (const std::string& violation : parameters.options.validate()) reader.addProblem(violation);
   reader.throwOnProblems();
   for (const std::string& unknown : reader.unknownParameters()) parameters.remarks.push_back(unknown);
   return parameters;

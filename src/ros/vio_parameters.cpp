@@ -11,28 +11,32 @@
 namespace autocal_vio {
 namespace {
 
-/// Runs a file reader and turns what it throws into problems of `reader`.
+/// Runs a file reader and turns what it throws into problems of `reader`; true when there are none.
 template <class Load>
-void collectProblems(ParameterReader* reader, Load&& load) {
+bool collectProblems(ParameterReader* reader, Load&& load) {
   try {
     load();
+    return true;
   } catch (const LoadProblems& error) {
     for (const std::string& problem : error.problems()) reader->addProblem(problem);
   } catch (const std::exception& error) {
     reader->addProblem(error.what());
   }
+  return false;
 }
 
-void loadFiles(ParameterReader* reader, VioParameters* parameters) {
+/// True when there is a rig.
+bool loadFiles(ParameterReader* reader, VioParameters* parameters) {
   const std::string rig_file = reader->requiredText("rig_file", "the path of a rig file (config/*.yaml)");
   const std::string imu_file = reader->text("imu_file", "");
   const std::string estimator_file = reader->text("estimator_file", "");
-  if (!rig_file.empty()) {
-    collectProblems(reader, [&] { parameters->rig = loadRigFile(rig_file, imu_file, &parameters->remarks); });
-  }
+  const bool rig_loaded = !rig_file.empty() && collectProblems(reader, [&] {
+    parameters->rig = loadRigFile(rig_file, imu_file, &parameters->remarks);
+  });
   if (!estimator_file.empty()) {
     collectProblems(reader, [&] { parameters->options = loadEstimatorFile(estimator_file); });
   }
+  return rig_loaded;
 }
 
 void checkFrames(ParameterReader* reader, const VioParameters& parameters) {
@@ -54,9 +58,9 @@ void checkFrames(ParameterReader* reader, const VioParameters& parameters) {
 VioParameters loadVioParameters(const ros::NodeHandle& private_nh) {
   ParameterReader reader(private_nh);
   VioParameters parameters;
-  loadFiles(&reader, &parameters);
+  const bool rig_loaded = loadFiles(&reader, &parameters);
   parameters.options.fix_extrinsics = reader.flag("fix_extrinsics", parameters.options.fix_extrinsics);
-  if (parameters.options.fix_extrinsics && !parameters.rig.extrinsics_prior && reader.problems().empty()) {
+  if (parameters.options.fix_extrinsics && rig_loaded && !parameters.rig.extrinsics_prior) {
     reader.addProblem("~fix_extrinsics is true, but the rig file gives no T_cam_imu to hold");
   }
   parameters.odom_frame = frameName(reader.text("odom_frame", parameters.odom_frame));

@@ -9,6 +9,7 @@
 #include "autocal_vio/calibration_io/load_problems.h"
 #include "autocal_vio/ros/input_conversions.h"
 #include "autocal_vio/tools/decode_image.h"
+#include "autocal_vio/tools/result_tables.h"
 
 namespace autocal_vio {
 namespace {
@@ -101,34 +102,68 @@ void BagSource::chooseTopics(const TopicChoice& choice) {
 
 void BagSource::readCameraInfo() {
   const std::string topic = cameraInfoTopic(image_topic_);
-  rosbag::View view(imu_stream_.bag, rosbag::TopicQuery(topic));
-  if (view.begin() == view.end()) return;
-  const sensor_msgs::CameraInfoConstPtr message = view.begin()->instantiate<sensor_msgs::CameraInfo>();
-  if (!message) return;
   std::string problem;
-  intrinsics_ = toCameraIntrinsics(*message, &problem);
+  try {
+    rosbag::View view(imu_stream_.bag, rosbag::TopicQuery(topic));
+    if (view.begin() == view.end()) return;
+    const sensor_msgs::CameraInfoConstPtr message = view.begin()->instantiate<sensor_msgs::CameraInfo>();
+    if (!message) return;
+    intrinsics_ = toCameraIntrinsics(*message, &problem);
+  } catch (const std::exception& error) {
+    problem = std::string("cannot be read: ") + error.what();
+  }
   if (!intrinsics_) warn_(path_ + ": " + topic + ": " + problem);
 }
 
+// rosbag throws where the bytes of a message, or of the chunk that it lies in, are damaged.
 void BagSource::loadImu() {
   imu_.reset();
-  while (!imu_ && imu_stream_.next != imu_stream_.view->end()) {
-    std::string problem = "cannot be decoded";
-    const sensor_msgs::ImuConstPtr message = imu_stream_.next->instantiate<sensor_msgs::Imu>();
-    ++imu_stream_.next;
-    if (message) imu_ = toImuSample(*message, &problem);
-    if (imu_) return;
-    ++bad_imu_;
-    warn_(path_ + ": " + imu_topic_ + ": " + problem + "; the sample is skipped");
+  try {
+    readImu();
+  } catch (const std::exception& error) {
+    endDamaged(&imu_stream_, imu_topic_, error.what());
   }
 }
 
 void BagSource::loadImage() {
   image_.reset();
   compressed_.reset();
+  try {
+    readImage();
+  } catch (const std::exception& error) {
+    endDamaged(&image_stream_, image_topic_, error.what());
+  }
+}
+
+void BagSource::endDamaged(Stream* stream, const std::string& topic, const std::string& error) {
+  stream->next = stream->view->end();
+  const std::string where =
+      stream->last ? "after the message of " + stampText(*stream->last) + " s" : "from the first message on";
+  const std::string text = path_ + ": " + topic + ": cannot be read " + where + ": " + error;
+  warn_(text + "; the rest of the topic is left out");
+  damage_ = damage_ ? *damage_ + "; " + text : text;
+}
+
+void BagSource::readImu() {
+  while (!imu_ && imu_stream_.next != imu_stream_.view->end()) {
+    std::string problem = "cannot be decoded";
+    const sensor_msgs::ImuConstPtr message = imu_stream_.next->instantiate<sensor_msgs::Imu>();
+    ++imu_stream_.next;
+    if (message) {
+      imu_stream_.last = toTimeNs(message->header.stamp);
+      imu_ = toImuSample(*message, &problem);
+    }
+    if (imu_) return;
+    ++bad_imu_;
+    warn_(path_ + ": " + imu_topic_ + ": " + problem + "; the sample is skipped");
+  }
+}
+
+void BagSource::readImage() {
   if (image_stream_.next == image_stream_.view->end()) return;
   image_ = image_stream_.next->instantiate<sensor_msgs::Image>();
   if (!image_) compressed_ = image_stream_.next->instantiate<sensor_msgs::CompressedImage>();
+  image_stream_.last = imageStamp();
   ++image_stream_.next;
 }
 

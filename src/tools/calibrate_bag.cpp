@@ -44,15 +44,17 @@ int calibrate(const CalibrateOptions& options) {
   if (options.fix_extrinsics && !dataset.rig.extrinsics_prior)
     throw LoadProblems({"--fix-extrinsics: needs a transform, by --initial or in the rig file"});
   const std::optional<Transform> truth = knownTruth(options, dataset);
-  const ResultFolder folder(options.output_folder, options.force);
   const std::string description = dataset.source->description();
   DatasetReader reader(std::move(dataset.source), options.window);
+  CalibrationRun run(dataset.rig, vio_options);
+  // Only now: bad input leaves no folder behind.
+  const ResultFolder folder(options.output_folder, options.force);
   if (!options.quiet) {
     std::fprintf(stderr, "%s\n", description.c_str());
     for (const std::string& note : dataset.notes) std::fprintf(stderr, "note: %s\n", note.c_str());
   }
-  CalibrationRunResult result = runCalibration(
-      dataset.rig, vio_options, &reader, warn,
+  const CalibrationRunResult result = runCalibration(
+      &run, &reader, warn,
       [&display](double fraction, VioState state) { display.update(fraction, toString(state)); });
   display.finish();
   warnings.finish();

@@ -17,9 +17,8 @@ const char* const kDescription =
     "extrinsics.csv, report.yaml, convergence.png and camchain-imucam.yaml. For the same input the bytes of "
     "these\n"
     "files are the same, except for the run times at the end of report.yaml (below a dividing line).\n\n"
-    "Exit status: 0 converged (with --fix-extrinsics: odometry up to the end); 2 processed, but not "
-    "converged;\n"
-    "1 bad input.";
+    "Exit status: 0 converged (with --fix-extrinsics: odometry up to the end); 2 processed, but not\n"
+    "converged, or the input is damaged (results up to there are written); 1 bad input.";
 
 void requirePositive(const char* name, const std::optional<double>& value,
                      std::vector<std::string>* problems) {

@@ -100,11 +100,11 @@ int calibrate(const Options& options) {
   VioOptions vio_options =
       options.estimator_file.empty() ? VioOptions() : loadEstimatorFile(options.estimator_file);
   vio_options.fix_extrinsics = options.fix_extrinsics;
-  const ResultFolder folder(options.output_folder, options.force);
   const FeatureDataset data = simulateFeatures(simulation);
   RigModel rig = data.rig.rig;
   if (options.use_truth) rig.extrinsics_prior = ExtrinsicsPrior{data.rig.T_imu_cam, 0.5 * M_PI / 180.0, 0.01};
   CalibrationRun run(rig, vio_options);
+  const ResultFolder folder(options.output_folder, options.force);
   const CalibrationRunResult result = feed(data, &run);
   const Verdict verdict = judgeRun(result.record, options.fix_extrinsics);
   writeResults(folder, result, verdict, rig, {data.rig.T_imu_cam, data.rig.td});

@@ -1,8 +1,15 @@
 #include "autocal_vio/tools/calibration_run.h"
 
+#include <cstdio>
+
 #include "autocal_vio/tools/result_tables.h"
 
 namespace autocal_vio {
+namespace {
+
+constexpr TimeNs kOrdinaryEnd = kNsPerSecond / 10;  // recordings end with an image or two too many
+
+}  // namespace
 
 CalibrationRun::CalibrationRun(const RigModel& rig, const VioOptions& options)
     : system_(rig, options, [this](const VioUpdate& update) { record_.add(update); }) {}
@@ -26,12 +33,14 @@ void CalibrationRun::endCall() {
 
 void CalibrationRun::addImu(const ImuSample& sample) {
   ++imu_samples_;
+  last_imu_ = sample.stamp;
   beginCall();
   system_.addImu(sample);
   endCall();
 }
 
 bool CalibrationRun::addImage(const ImageFrame& frame, std::string* problem) {
+  noteImage(frame.stamp);
   beginCall();
   const bool accepted = system_.addImage(frame, problem);
   endCall();
@@ -39,18 +48,39 @@ bool CalibrationRun::addImage(const ImageFrame& frame, std::string* problem) {
 }
 
 bool CalibrationRun::addFeatures(const FeatureFrame& frame, std::string* problem) {
+  noteImage(frame.stamp);
   beginCall();
   const bool accepted = system_.addFeatures(frame, problem);
   endCall();
   return accepted;
 }
 
+void CalibrationRun::noteImage(TimeNs stamp) {
+  last_image_ = stamp;
+  record_.noteOffered(stamp);
+}
+
+std::optional<std::string> CalibrationRun::imuShortfall() const {
+  const TimeNs missing = last_image_ - last_imu_;
+  if (system_.imagesWaiting() == 0 || missing <= kOrdinaryEnd) return std::nullopt;
+  if (imu_samples_ == 0) return "there are no IMU samples: no image was processed";
+  char text[160];
+  std::snprintf(
+      text, sizeof(text),
+      "the IMU data end %.2f s before the last image: %llu images were not processed for lack of them",
+      toSeconds(missing),
+      static_cast<unsigned long long>(system_.counters().images_uncovered + system_.imagesWaiting()));
+  return text;
+}
+
 CalibrationRunResult CalibrationRun::result() const {
-  const VioCounters& counters = system_.lastUpdate().counters;
+  const VioCounters& counters = system_.counters();
+  const std::uint64_t waiting = system_.imagesWaiting();
   CalibrationRunResult result;
   result.record = record_;
   result.counts.images_processed = counters.images_processed;
-  result.counts.images_dropped = counters.images_dropped;
+  result.counts.images_dropped = counters.images_dropped + waiting;
+  result.counts.images_uncovered = counters.images_uncovered + waiting;
   result.counts.imu_samples = imu_samples_;
   result.counts.imu_unusable = counters.imu_not_finite + counters.imu_out_of_order;
   result.timings.cpu_seconds = cpu_seconds_;
@@ -59,21 +89,22 @@ CalibrationRunResult CalibrationRun::result() const {
   return result;
 }
 
-CalibrationRunResult runCalibration(const RigModel& rig, const VioOptions& options, DatasetReader* reader,
-                                    const WarningSink& warn, const RunProgress& progress) {
-  CalibrationRun run(rig, options);
+CalibrationRunResult runCalibration(CalibrationRun* run, DatasetReader* reader, const WarningSink& warn,
+                                    const RunProgress& progress) {
   while (const std::optional<DatasetItem> item = reader->next()) {
     if (const ImuSample* sample = std::get_if<ImuSample>(&*item)) {
-      run.addImu(*sample);
+      run->addImu(*sample);
       continue;
     }
     const ImageFrame& frame = std::get<ImageFrame>(*item);
     std::string problem;
-    if (!run.addImage(frame, &problem)) warn("image at " + stampText(frame.stamp) + " s: " + problem);
-    progress(reader->progress(), run.state());
+    if (!run->addImage(frame, &problem)) warn("image at " + stampText(frame.stamp) + " s: " + problem);
+    progress(reader->progress(), run->state());
   }
-  CalibrationRunResult result = run.result();
+  if (const std::optional<std::string> shortfall = run->imuShortfall()) warn(*shortfall);
+  CalibrationRunResult result = run->result();
   const SensorSource& source = reader->source();
+  if (const std::optional<std::string> damage = source.damage()) result.record.noteDamage(*damage);
   result.counts.images_unreadable = source.badImages();
   result.counts.images_dropped += source.badImages();
   result.counts.imu_unusable += source.badImu();

@@ -192,11 +192,10 @@ CalibrationRunResult LiveRecorder::result() const {
     result.timings.image_ms.push_back(milliseconds);
     result.timings.cpu_seconds += 1e-3 * milliseconds;
   }
-  if (!empty()) {
-    result.counts.images_processed = updates_.back().counters.images_processed;
-    result.counts.images_dropped = updates_.back().counters.images_dropped;
+  if (last_) {
+    result.counts.images_processed = last_->counters.images_processed;
+    result.counts.images_dropped = last_->counters.images_dropped;
   }
-  result.counts.imu_samples = imu_odometry_count_;
   result.counts.imu_unusable = imu_dropped_;
   return result;
 }

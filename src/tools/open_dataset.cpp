@@ -6,6 +6,7 @@
 #include "autocal_vio/calibration_io/load_problems.h"
 #include "autocal_vio/calibration_io/rig_file.h"
 #include "autocal_vio/tools/asl_source.h"
+#include "autocal_vio/tools/guarded_source.h"
 
 namespace autocal_vio {
 namespace {
@@ -60,6 +61,7 @@ OpenedDataset openDataset(const DatasetRequest& request, const WarningSink& warn
   if (!dataset.rig.camera)
     throw LoadProblems(
         {request.input + ": the camera's intrinsics are not known; give a rig file with --config"});
+  dataset.source = std::make_unique<GuardedSource>(std::move(dataset.source), request.input, warn);
   return dataset;
 }
 

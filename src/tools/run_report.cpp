@@ -149,21 +149,25 @@ std::string timingLines(const RunRecord& record, const RunTimings& timings) {
 
 Verdict judgeRun(const RunRecord& record, bool fixed_extrinsics) {
   Verdict verdict;
+  const std::string shortfall = record.shortfall();
   if (record.rows().empty()) {
     verdict.name = fixed_extrinsics ? "odometry_incomplete" : "not_converged";
-    verdict.reason = "no image was processed: the IMU does not cover any";
+    verdict.reason =
+        "no image was processed: " + (shortfall.empty() ? "the IMU does not cover any" : shortfall);
     return verdict;
   }
   const RunRow& last = record.rows().back();
   if (fixed_extrinsics) {
-    verdict.success = last.T_odom_imu && last.state != VioState::kLost;
+    verdict.success = last.T_odom_imu && last.state != VioState::kLost && shortfall.empty();
     verdict.name = verdict.success ? "odometry_complete" : "odometry_incomplete";
   } else {
-    verdict.success = last.state == VioState::kConverged;
-    verdict.name = verdict.success ? "converged" : "not_converged";
+    const bool converged = last.state == VioState::kConverged;
+    verdict.success = converged && record.damage().empty();
+    verdict.name = verdict.success ? "converged" : converged ? "input_incomplete" : "not_converged";
   }
   verdict.reason = record.lastReason();
   if (!verdict.success) verdict.reason = std::string(toString(last.state)) + ": " + verdict.reason;
+  if (!shortfall.empty()) verdict.reason += "; " + shortfall;
   return verdict;
 }
 
@@ -174,7 +178,9 @@ std::string runReportText(const RunRecord& record, const Verdict& verdict, const
   text += line("images_processed", std::to_string(counts.images_processed));
   text += line("images_dropped", std::to_string(counts.images_dropped));
   text += line("images_unreadable", std::to_string(counts.images_unreadable));
-  text += line("imu_samples", std::to_string(counts.imu_samples));
+  if (counts.images_uncovered)
+    text += line("images_uncovered", std::to_string(*counts.images_uncovered) + "  # by IMU samples");
+  if (counts.imu_samples) text += line("imu_samples", std::to_string(*counts.imu_samples));
   text += line("imu_unusable", std::to_string(counts.imu_unusable));
   text += firstOdometryLine(record) + changesLines(record);
   if (!record.rows().empty()) {

@@ -22,12 +22,12 @@ class BadParameters(unittest.TestCase):
         assert load_nodelet(MANAGER, '/neighbour')
         cls.neighbour = Collector('/neighbour/calibration_status', CalibrationStatus)
 
-    def refuse(self, expected, **parameters):
+    def refuse(self, expected, name='/bad', nodelet_type='autocal_vio/VioNodelet', **parameters):
         """The nodelet must refuse to start and log every text of `expected`."""
         self.log.clear()
-        set_parameters('/bad', **parameters)
-        self.assertFalse(load_nodelet(MANAGER, '/bad'))
-        self.assertNotIn('/bad', nodelets_of(MANAGER))
+        set_parameters(name, **parameters)
+        self.assertFalse(load_nodelet(MANAGER, name, nodelet_type))
+        self.assertNotIn(name, nodelets_of(MANAGER))
         refusal = self.log.wait(lambda log: 'refusing to start' in log.msg or expected[0] in log.msg)
         self.assertIsNotNone(refusal, 'no refusal was logged')
         for text in expected:
@@ -51,6 +51,11 @@ class BadParameters(unittest.TestCase):
         self.refuse(['rig_file', 'queue_size', 'publish_odom_tf', 'path_length', 'odom_frame', 'misspelt'],
                     queue_size=0, publish_odom_tf='yes', path_length='long', odom_frame='imu', imu_frame='imu',
                     misspelt=1)
+
+    def test_everything_wrong_with_the_simulated_rig(self):
+        self.refuse(['image_rate', 'is no kind of motion', 'imu_path needs trajectory_path', '/nowhere/rig.yaml'],
+                    name='/bad_rig', nodelet_type='autocal_vio/SimulatedRigNodelet', image_rate=-1.0, motion='dance',
+                    imu_path='imu.csv', rig_file='/nowhere/rig.yaml')
 
     def test_unknown_transport(self):
         self.refuse(['pigeon'], rig_file=self.rig_file, image_transport='pigeon')

@@ -77,9 +77,16 @@ class Stream {
     }
     renameTracksAfter(after);
   }
-  void changeImu(const std::function<void(double, ImuSample*)>& change) {
-    for (StreamEvent& e : events_)
-      if (e.isImu()) change(e.time, &e.imu());
+  /// One more sample, changed by `change`, wherever an IMU sample stands in a place that `every` divides.
+  void addImuAfterEach(std::size_t every, const std::function<void(ImuSample*)>& change) {
+    std::vector<StreamEvent> more;
+    for (StreamEvent& e : events_) {
+      more.push_back(e);
+      if (!e.isImu() || more.size() % every != 0) continue;
+      more.push_back(e);
+      change(&more.back().imu());
+    }
+    events_ = std::move(more);
   }
 
  private:
@@ -240,6 +247,50 @@ inline RigModel calibratedRig(const FeatureDataset& data) {
   RigModel rig = data.rig.rig;
   rig.extrinsics_prior = ExtrinsicsPrior{data.rig.T_imu_cam, 0.5 / kDegreesPerRadian, 0.01};
   return rig;
+}
+
+/// The extrinsics at the end [deg, m].
+inline void expectCalibrated(const FaultRun& run, const FeatureDataset& data, double rotation_deg,
+                             double translation) {
+  EXPECT_LT(rotationErrorDeg(run.last().update, data), rotation_deg);
+  EXPECT_LT(translationError(run.last().update, data), translation);
+}
+
+/// Lost once after `fault`, found again by itself within `longest_recovery` of the time when good data came back, with
+/// the calibration kept and without a jump [s].
+inline void expectRecovery(const FaultRun& run, const FeatureDataset& data, double fault,
+                           double return_of_data, double longest_recovery) {
+  const FaultRecord& before = run.before(fault);
+  ASSERT_TRUE(before.update.odometry);
+  const FaultRecord* lost = run.firstFrom(fault, false);
+  ASSERT_TRUE(lost);
+  EXPECT_EQ(lost->update.state, VioState::kLost);
+  const FaultRecord* found = run.firstFrom(lost->time, true);
+  ASSERT_TRUE(found);
+  EXPECT_GT(found->time, return_of_data);
+  EXPECT_LT(found->time - return_of_data, longest_recovery);
+  for (const FaultRecord& r : run.between(lost->time - 1e-6, found->time - 1e-6))
+    EXPECT_EQ(r.update.state, VioState::kLost) << r.time;
+
+  // The calibration is what it was, and is all the next start has.
+  const FaultRecord& last_pose = run.before(lost->time);
+  EXPECT_TRUE(identical(lost->update.calibration.T_imu_cam, last_pose.update.calibration.T_imu_cam));
+  const std::vector<FaultRecord> next = run.between(lost->time, lost->time + 0.12);
+  ASSERT_FALSE(next.empty());
+  EXPECT_TRUE(identical(next.front().update.calibration.T_imu_cam, last_pose.update.calibration.T_imu_cam));
+  EXPECT_EQ(next.front().update.calibration.td, last_pose.update.calibration.td);
+
+  const Transform &end = last_pose.update.odometry->T_odom_imu, &start = found->update.odometry->T_odom_imu;
+  EXPECT_LT((start.translation - end.translation).norm(), 1e-6) << "a jump";
+  EXPECT_LT(std::abs(headingDifference(start.rotation, end.rotation)), 1e-6) << "another heading";
+  EXPECT_FALSE(run.firstFrom(found->time, false)) << "lost again";
+  EXPECT_EQ(run.last().update.counters.resets, 1U);
+  expectCalibrated(run, data, 0.3, 0.02);
+  EXPECT_LT(driftBetween(*found, run.last()), 0.15);
+  std::printf(
+      "  recovered %.2f s after the data came back, at the end %.3f deg, %.1f mm, drift since %.3f m\n",
+      found->time - return_of_data, rotationErrorDeg(run.last().update, data),
+      1e3 * translationError(run.last().update, data), driftBetween(*found, run.last()));
 }
 
 }  // namespace autocal_vio

@@ -52,8 +52,8 @@ inline RecordedOutcome runRecorded(const std::string& mav0, bool true_extrinsics
   if (true_extrinsics_as_prior) dataset.rig.extrinsics_prior = ExtrinsicsPrior{truth, 0.5 / kToDegrees, 0.01};
   DatasetReader reader(std::move(dataset.source), DatasetWindow());
   RecordedOutcome outcome;
-  outcome.result = runCalibration(dataset.rig, VioOptions(), &reader, warn,
-                                  [](double /*fraction*/, VioState /*state*/) {});
+  CalibrationRun run(dataset.rig, VioOptions());
+  outcome.result = runCalibration(&run, &reader, warn, [](double /*fraction*/, VioState /*state*/) {});
   const std::vector<RunRow>& rows = outcome.result.record.rows();
   const std::vector<TimedPose> poses = readTrajectory(mav0 + "/state_groundtruth_estimate0/data.csv");
   std::vector<Eigen::Vector3d> estimated, true_positions;

@@ -75,8 +75,7 @@ TEST(HeldCalibration, FrozenPartsKeepTheirBitsWhileTheRestMovesAndGoOnWhenReleas
   EXPECT_GT(count(22.1, 30.0, sameRotation), 3U);
   EXPECT_GT(count(22.1, 30.0, sameTranslation), 3U);
   EXPECT_EQ(run.last().update.state, VioState::kConverged) << run.last().update.reason;
-  EXPECT_LT(rotationErrorDeg(run.last().update, stream.data()), 0.2);
-  EXPECT_LT(translationError(run.last().update, stream.data()), 0.015);
+  expectCalibrated(run, stream.data(), 0.2, 0.015);
 }
 
 TEST(HeldCalibration, FrozenSurvivesALossAndStaysUncertainAsItWas) {

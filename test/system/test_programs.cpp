@@ -7,6 +7,7 @@
 #include <fstream>
 
 #include "asl_dataset.h"
+#include "autocal_vio/common/time.h"
 
 namespace autocal_vio {
 namespace {
@@ -78,6 +79,7 @@ TEST_F(Programs, BadInputIsRefusedInOneLine) {
   expectRefused("--out " + at("file/out") + " " + data, "cannot be created");
   std::filesystem::remove_all(at("data/mav0/cam0/data.csv"));
   expectRefused(out + data, "cam0/data.csv: cannot be read");
+  EXPECT_FALSE(std::filesystem::exists(at("out"))) << "a folder for results that there are none of";
 }
 
 TEST_F(Programs, StandstillIsProcessedButDoesNotConverge) {
@@ -109,6 +111,65 @@ TEST_F(Programs, DamagedDataAreSkippedAndCounted) {
   EXPECT_NE(report.find("images_processed: 29\nimages_dropped: 1\nimages_unreadable: 1\n"), std::string::npos)
       << report;
   EXPECT_NE(report.find("imu_unusable: 1\n"), std::string::npos) << report;
+}
+
+TEST_F(Programs, OneWildStampCostsNothingElse) {
+  const std::string data = writeAslDataset(folder_, "data", kImages);
+  const long long hour = 3600000000000LL;
+  const auto shift = [this](const std::string& table, long long stamp, long long by) {
+    std::string text = readWholeFile(at("data/mav0/" + table));
+    const std::string row = "\n" + std::to_string(stamp) + ",";
+    ASSERT_NE(text.find(row), std::string::npos);
+    folder_.write("data/mav0/" + table,
+                  text.replace(text.find(row), row.size(), "\n" + std::to_string(stamp + by) + ","));
+  };
+  shift("imu0/data.csv", kAslBegin + 300000000, hour);
+  shift("imu0/data.csv", kAslBegin + 700000000, -hour);
+  shift("cam0/data.csv", kAslBegin + 450000000, hour);
+  EXPECT_EQ(calibrate("--out " + at("a") + " " + data), 2) << errors_;
+  EXPECT_NE(errors_.find("data: IMU sample at 1000003600.300000000 s: its stamp lies 3600.005 s ahead"),
+            std::string::npos)
+      << errors_;
+  EXPECT_NE(errors_.find("data: image at 1000003600.450000000 s"), std::string::npos) << errors_;
+  const std::string report = readWholeFile(at("a/report.yaml"));
+  EXPECT_NE(report.find("images_processed: 29\nimages_dropped: 1\n"), std::string::npos) << report;
+  EXPECT_NE(report.find("imu_unusable: 2\n"), std::string::npos) << report;
+}
+
+TEST_F(Programs, ImuDataThatEndEarlyAreNamedAndTheImagesCounted) {
+  const std::string data = writeAslDataset(folder_, "data", 100);
+  const std::string table = readWholeFile(at("data/mav0/imu0/data.csv"));
+  folder_.write("data/mav0/imu0/data.csv",
+                table.substr(0, table.find("\n" + std::to_string(kAslBegin + kNsPerSecond)) + 1));
+  EXPECT_EQ(calibrate("--out " + at("a") + " " + data), 2) << errors_;
+  EXPECT_NE(errors_.find("the IMU data end 3.96 s before the last image: 80 images were not processed"),
+            std::string::npos)
+      << errors_;
+  const std::string report = readWholeFile(at("a/report.yaml"));
+  EXPECT_NE(
+      report.find("images_processed: 20\nimages_dropped: 80\nimages_unreadable: 0\nimages_uncovered: 80"),
+      std::string::npos)
+      << report;
+  EXPECT_NE(out_.find("the images of the last 4.0 s were not processed"), std::string::npos) << out_;
+}
+
+TEST_F(Programs, ADamagedBagKeepsTheResultsSoFar) {
+  const std::string data = writeAslDataset(folder_, "data", kImages);
+  ASSERT_EQ(run("asl_to_bag", data + " " + at("data.bag")), 0) << errors_;
+  std::string bag = readWholeFile(at("data.bag"));
+  const std::string header = "compression=";
+  std::size_t chunk = 0;
+  for (int i = 0; i < 6; ++i) chunk = bag.find(header, chunk + 1);
+  ASSERT_NE(chunk, std::string::npos);
+  folder_.write("data.bag", bag.replace(chunk + header.size(), 4, "what"));
+  EXPECT_EQ(calibrate("--out " + at("a") + " " + at("data.bag")), 2) << errors_;
+  EXPECT_NE(errors_.find("data.bag: /cam0/image_raw: cannot be read after the message of 1000000000."),
+            std::string::npos)
+      << errors_;
+  EXPECT_NE(out_.find("the input ended early: "), std::string::npos) << out_;
+  for (const char* name : kResults) EXPECT_TRUE(std::filesystem::exists(at("a/") + name)) << name;
+  const std::string report = readWholeFile(at("a/report.yaml"));
+  EXPECT_EQ(report.find("images_processed: 0\n"), std::string::npos) << report;
 }
 
 TEST_F(Programs, ABagGivesTheSameTablesAsItsFolder) {

@@ -74,6 +74,9 @@ TEST(MeasurementSync, WaitingImagesAreBounded) {
     lost += dropped;
   }
   EXPECT_GT(lost, 400);
+  EXPECT_EQ(sync.framesWaiting(), 500u - static_cast<std::size_t>(lost));
+  sync.clear();
+  EXPECT_EQ(sync.framesWaiting(), 0u);
 }
 
 }  // namespace

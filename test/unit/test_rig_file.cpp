@@ -175,6 +175,54 @@ speed: 3
   EXPECT_EQ(problems.size(), 11u) << ::testing::PrintToString(problems);
 }
 
+TEST(RigFile, ImpossibleValuesAreListedBesideUnreadableOnes) {
+  const TemporaryFolder folder;
+  const std::vector<std::string> problems = problemsOf(folder.write("bad.yaml", R"(cam0:
+  camera_model: pinhole
+  intrinsics: [-458.654, 457.296, 800, 248.375]
+  distortion_model: fov
+  distortion_coeffs: [0, 0, 500, 0]
+  resolution: [752, 480]
+imu0:
+  accelerometer_noise_density: 1.0e6
+  accelerometer_random_walk: many
+  gyroscope_random_walk: 0
+  update_rate: 200
+)"));
+  for (const char* part :
+       {"cam0.distortion_model: expected radtan", "focal length fu must be above 1 px",
+        "principal point pu must lie in the image", "distortion_coeffs[2] must be finite",
+        "imu0.accelerometer_random_walk: expected a finite number",
+        "imu0.gyroscope_noise_density: is missing", "accelerometer_noise_density must be within",
+        "gyroscope_random_walk must be within"}) {
+    EXPECT_TRUE(anyContains(problems, part)) << part;
+  }
+  EXPECT_EQ(problems.size(), 8u) << ::testing::PrintToString(problems);
+}
+
+TEST(RigFile, WhatCannotBeReadIsComplainedAboutOnce) {
+  const TemporaryFolder folder;
+  std::string camera(kCamera);
+  camera.replace(camera.find("[752, 480]"), 10, "[752]     ");
+  std::vector<std::string> problems = problemsOf(folder.write("a.yaml", camera + kImu));
+  EXPECT_EQ(problems.size(), 1u) << ::testing::PrintToString(problems);
+  camera = kCamera;
+  camera.replace(camera.find("458.654"), 7, "forty  ");
+  problems = problemsOf(folder.write("b.yaml", camera + kImu));
+  EXPECT_EQ(problems.size(), 1u) << ::testing::PrintToString(problems);
+  problems = problemsOf(folder.write("c.yaml", std::string(kCamera) + "imu0: 3\n"));
+  EXPECT_EQ(problems.size(), 1u) << ::testing::PrintToString(problems);
+}
+
+TEST(RigFile, AMissingImuIsNamedBesideOtherProblems) {
+  const TemporaryFolder folder;
+  const std::vector<std::string> problems =
+      problemsOf(folder.write("rig.yaml", std::string(kCamera) + "  colour: blue\n"));
+  ASSERT_EQ(problems.size(), 2u) << ::testing::PrintToString(problems);
+  EXPECT_TRUE(anyContains(problems, "colour: is not a known key"));
+  EXPECT_TRUE(anyContains(problems, "imu0: is missing"));
+}
+
 TEST(RigFile, RefusesImpossibleValues) {
   const TemporaryFolder folder;
   std::string camera(kCamera);
@@ -222,6 +270,13 @@ TEST(RigFile, MountPriorNeedsOnlyTheTransform) {
   EXPECT_LT((prior.extrinsics.T_imu_cam.translation - Eigen::Vector3d(-0.1, -0.3, 0.2)).norm(), 1e-15);
   EXPECT_FALSE(prior.time_offset);
   EXPECT_THROW(loadMountPrior(folder.write("none.yaml", kCamera)), LoadProblems);
+  try {
+    loadMountPrior(folder.write("bad.yaml", "cam0:\n  timeshift_cam_imu: 5\n"));
+    ADD_FAILURE() << "accepted";
+  } catch (const LoadProblems& error) {
+    EXPECT_EQ(error.problems().size(), 2u) << error.what();
+    EXPECT_TRUE(anyContains(error.problems(), "expected T_cam_imu or T_imu_cam"));
+  }
 }
 
 TEST(RigFile, EveryShippedFileLoads) {
@@ -277,6 +332,15 @@ accelerometer_noise_density: 2.0000e-3
   ASSERT_TRUE(truth);
   EXPECT_LT((truth->translation - Eigen::Vector3d(0.1, 0.2, 0.3)).norm(), 1e-15);
 
+  folder.write("imu0/sensor.yaml", imu.substr(0, imu.find("gyroscope_noise")) +
+                                       "gyroscope_noise_density: -1\naccelerometer_noise_density: 2.0e-3\n");
+  try {
+    loadAslRig(folder.path());
+    ADD_FAILURE() << "accepted";
+  } catch (const LoadProblems& error) {
+    EXPECT_EQ(error.problems().size(), 3u) << error.what();
+    EXPECT_TRUE(anyContains(error.problems(), "gyroscope_noise_density must be within"));
+  }
   folder.write("imu0/sensor.yaml", imu);
   EXPECT_THROW(loadAslRig(folder.path()), LoadProblems);
   EXPECT_THROW(loadAslRig(folder.path("nothing")), LoadProblems);

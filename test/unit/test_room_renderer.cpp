@@ -57,6 +57,12 @@ class RoomRendererTest : public ::testing::Test {
   static inline std::unique_ptr<RoomRenderer> renderer_;
 };
 
+double threadCpuMs() {
+  timespec now{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+  return 1e3 * static_cast<double>(now.tv_sec) + 1e-6 * static_cast<double>(now.tv_nsec);
+}
+
 // Mean absolute difference of grays of the same surface points in two images, the second read at an offset
 // [px].
 double difference(const cv::Mat& a, const cv::Mat& b, const std::vector<std::pair<Vector2d, Vector2d>>& pairs,
@@ -141,9 +147,14 @@ TEST_F(RoomRendererTest, ImagesAreWellExposedAndFastToRender) {
   std::vector<double> milliseconds;
   for (double t = 2.0; t < 50.0; t += 2.0) {
     const Transform T_WC = cameraPose(t);
-    const std::clock_t start = std::clock();
-    const cv::Mat image = render(T_WC);
-    milliseconds.push_back(1e3 * static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC);
+    cv::Mat image;
+    double least = 1e9;  // of a few: other programs cost caches and clock rate, but not always
+    for (int i = 0; i < 3; ++i) {
+      const double start = threadCpuMs();
+      image = render(T_WC);
+      least = std::min(least, threadCpuMs() - start);
+    }
+    milliseconds.push_back(least);
     cv::Scalar mean, sigma;
     cv::meanStdDev(image, mean, sigma);
     EXPECT_GT(mean[0], 60.0);
@@ -154,7 +165,9 @@ TEST_F(RoomRendererTest, ImagesAreWellExposedAndFastToRender) {
   const double median = milliseconds[milliseconds.size() / 2];
   RecordProperty("render_ms", std::to_string(median));
   std::cout << "rendering 752x480: " << median << " ms of CPU, median\n";
-  EXPECT_LT(median, 250.0);  // loose: a loaded machine and the sanitizers are slow
+#ifdef AUTOCAL_VIO_OPTIMIZED
+  EXPECT_LT(median, 25.0);
+#endif
 }
 
 TEST_F(RoomRendererTest, FisheyeCamerasAreRenderedToo) {

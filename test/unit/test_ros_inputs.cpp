@@ -167,6 +167,32 @@ TEST(CameraInfoConversion, RationalPolynomialOnlyWithoutItsHigherTerms) {
   EXPECT_NE(problem.find("D[5]"), std::string::npos) << problem;
 }
 
+TEST(CameraInfoConversion, NoCoefficientsMeanNoDistortion) {
+  const sensor_msgs::CameraInfo good =
+      toCameraInfo(1, eurocCamera(DistortionModel::kRadialTangential), "cam");
+  for (const char* model : {"plumb_bob", ""}) {
+    for (const std::size_t size : {0, 4, 5}) {
+      sensor_msgs::CameraInfo message = good;
+      message.distortion_model = model;
+      message.D.assign(size, 0.0);
+      std::string problem;
+      const std::optional<CameraIntrinsics> intrinsics = toCameraIntrinsics(message, &problem);
+      ASSERT_TRUE(intrinsics) << problem;
+      EXPECT_EQ(intrinsics->distortion_model, DistortionModel::kRadialTangential);
+      EXPECT_EQ(intrinsics->distortion_coeffs, Eigen::Vector4d::Zero());
+      EXPECT_EQ(intrinsics->intrinsics(0), 458.654);
+    }
+  }
+  sensor_msgs::CameraInfo unknown = good;
+  unknown.distortion_model = "";
+  std::string problem;
+  EXPECT_FALSE(toCameraIntrinsics(unknown, &problem)) << "coefficients of a model without a name";
+  unknown.distortion_model = "equidistant";
+  unknown.D.clear();
+  EXPECT_FALSE(toCameraIntrinsics(unknown, &problem)) << "no distortion is not the same for a fisheye";
+  EXPECT_NE(problem.find("D has 0"), std::string::npos) << problem;
+}
+
 TEST(CameraInfoConversion, RefusesWithTheFieldNamed) {
   const sensor_msgs::CameraInfo good =
       toCameraInfo(1, eurocCamera(DistortionModel::kRadialTangential), "cam");

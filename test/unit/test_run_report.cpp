@@ -83,6 +83,52 @@ TEST(Verdict, NeedsConvergenceOrWithFixedExtrinsicsOdometryToTheEnd) {
   EXPECT_EQ(judgeRun(lost, true).reason, "lost: covered \"lens\"");
 }
 
+TEST(Verdict, OdometryIsCompleteOnlyWithTheLastImageProcessed) {
+  RunRecord record = exampleRun(150);
+  const TimeNs last = record.rows().back().stamp;
+  record.noteOffered(last + kNsPerSecond);
+  EXPECT_TRUE(judgeRun(record, true).success) << "recordings end with an image or two too many";
+  record.noteOffered(last + 5 * kNsPerSecond);
+  EXPECT_FALSE(judgeRun(record, true).success);
+  EXPECT_EQ(judgeRun(record, true).name, "odometry_incomplete");
+  EXPECT_NE(judgeRun(record, true).reason.find("the images of the last 5.0 s were not processed"),
+            std::string::npos)
+      << judgeRun(record, true).reason;
+  RunRecord converged = exampleRun(300);
+  converged.noteOffered(converged.rows().back().stamp + 5 * kNsPerSecond);
+  EXPECT_TRUE(judgeRun(converged, false).success);
+  EXPECT_NE(judgeRun(converged, false).reason.find("5.0 s"), std::string::npos);
+}
+
+TEST(Verdict, SaysThatTheInputEndedEarly) {
+  const std::string damage = "x.bag: /imu0: cannot be read after the message of 12.500000000 s: broken";
+  for (const int images : {0, 150, 300}) {
+    RunRecord record = exampleRun(images);
+    record.noteDamage(damage);
+    for (const bool fixed : {false, true}) {
+      const Verdict verdict = judgeRun(record, fixed);
+      EXPECT_FALSE(verdict.success);
+      EXPECT_NE(verdict.reason.find("the input ended early: " + damage), std::string::npos) << verdict.reason;
+      EXPECT_EQ(verdict.name, fixed           ? "odometry_incomplete"
+                              : images == 300 ? "input_incomplete"
+                                              : "not_converged");
+    }
+  }
+}
+
+TEST(RunReport, LeavesOutCountsThatAreNotKnown) {
+  const RunRecord record = exampleRun(10);
+  RunCounts counts;
+  YAML::Node report = YAML::Load(runReportText(record, judgeRun(record, false), counts, {}, std::nullopt));
+  EXPECT_FALSE(report["imu_samples"]);
+  EXPECT_FALSE(report["images_uncovered"]);
+  counts.imu_samples = 1000;
+  counts.images_uncovered = 7;
+  report = YAML::Load(runReportText(record, judgeRun(record, false), counts, {}, std::nullopt));
+  EXPECT_EQ(report["imu_samples"].as<int>(), 1000);
+  EXPECT_EQ(report["images_uncovered"].as<int>(), 7);
+}
+
 TEST(RunReport, HasTheKeysOfTheContract) {
   const RunRecord record = exampleRun(301);
   RunCounts counts;

@@ -1,7 +1,6 @@
-#include <gtest/gtest.h>
+#include "autocal_vio/pipeline/stamp_guard.h"
 
-#include "autocal_vio/ros/silence_watch.h"
-#include "autocal_vio/ros/stamp_guard.h"
+#include <gtest/gtest.h>
 
 namespace autocal_vio {
 namespace {
@@ -60,24 +59,6 @@ TEST(StampGuard, TwoSourcesOnOneTopicNeverMakeAJump) {
     EXPECT_EQ(guard.check((100000 + 5 * i) * kMillisecond), StampVerdict::kAccept);
     EXPECT_EQ(guard.check((5000 + 5 * i) * kMillisecond), StampVerdict::kOutOfOrder);
   }
-}
-
-TEST(SilenceWatch, NamesASilentTopic) {
-  SilenceWatch watch("IMU message", "/imu0", 10.0);
-  EXPECT_FALSE(watch.problem(11.4));
-  ASSERT_TRUE(watch.problem(11.5));
-  EXPECT_EQ(*watch.problem(13.0), "no IMU message on /imu0 yet, waiting for 3.0 s");
-  watch.arrived(13.0);
-  EXPECT_FALSE(watch.problem(14.4));
-  EXPECT_EQ(*watch.problem(15.5), "no IMU message on /imu0 for 2.5 s");
-}
-
-TEST(SilenceWatch, MeasuresTheRate) {
-  SilenceWatch watch("image", "/cam0", 0.0);
-  EXPECT_EQ(watch.rate(0.0), 0.0);
-  for (int i = 0; i <= 100; ++i) watch.arrived(5.0 + 0.05 * i);
-  EXPECT_NEAR(watch.rate(10.0), 20.0, 0.1);
-  EXPECT_NEAR(watch.rate(14.0), 0.25, 0.01);
 }
 
 }  // namespace

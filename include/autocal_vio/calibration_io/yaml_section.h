@@ -27,9 +27,6 @@ class YamlSection {
   /// Notes a problem for each key that is missing.
   void require(const std::vector<std::string>& keys);
 
-  /// Problems noted so far, in this section or elsewhere.
-  std::size_t problemCount() const { return problems_->size(); }
-
   /// A finite number.
   std::optional<double> number(const std::string& key);
   std::optional<int> integer(const std::string& key);

@@ -36,6 +36,7 @@ class MeasurementSync {
   std::optional<PendingFrame> pop(double td, int* dropped);
 
   void clear();
+  std::size_t framesWaiting() const { return frames_.size(); }
   const ImuBuffer& imu() const { return imu_; }
 
  private:

@@ -66,6 +66,11 @@ class VioSystem {
   /// The state as of the last update.
   const VioUpdate& lastUpdate() const;
 
+  /// The counters as of now: also what came after the last update.
+  const VioCounters& counters() const;
+  /// Images that wait for the IMU to cover them.
+  std::size_t imagesWaiting() const;
+
  private:
   class Impl;
   std::unique_ptr<Impl> impl_;

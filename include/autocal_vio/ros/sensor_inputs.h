@@ -16,10 +16,10 @@
 #include <string>
 #include <utility>
 
+#include "autocal_vio/pipeline/stamp_guard.h"
 #include "autocal_vio/pipeline/vio_system.h"
 #include "autocal_vio/ros/frame_names.h"
 #include "autocal_vio/ros/silence_watch.h"
-#include "autocal_vio/ros/stamp_guard.h"
 #include "autocal_vio/ros/throttled_log.h"
 #include "autocal_vio/ros/topic_finder.h"
 

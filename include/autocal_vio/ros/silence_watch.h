@@ -1,6 +1,8 @@
 // Notices that a topic is silent.
 #pragma once
 
+#include <array>
+#include <cstdint>
 #include <mutex>
 #include <optional>
 #include <string>
@@ -22,17 +24,24 @@ class SilenceWatch {
   /// One sentence when the topic has been silent for `limit` seconds.
   std::optional<std::string> problem(double now, double limit = kLimit) const;
 
-  /// Messages per second over the last second or so; 0 before two have arrived.
+  /// Messages per second over the last two seconds, in whatever bursts they come; 0 in the first half second.
   double rate(double now) const;
 
  private:
+  /// Messages within one slot of time.
+  struct Slot {
+    std::int64_t number = 0;
+    int messages = 0;
+  };
+
   const std::string what_;   ///< "image" or "IMU message"
   const std::string topic_;  ///< resolved name
   mutable std::mutex mutex_;
   // Guarded by mutex_:
   double last_;
   bool any_ = false;
-  double interval_ = 0.0;  ///< smoothed [s]
+  double first_ = 0.0;
+  std::array<Slot, 8> slots_;  ///< the newest slots of time, slot k at k modulo their number
 };
 
 }  // namespace autocal_vio

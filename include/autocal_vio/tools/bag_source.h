@@ -25,7 +25,7 @@ struct TopicChoice {
 
 /// Images (sensor_msgs/Image or CompressedImage) and sensor_msgs/Imu of a bag; camera_info beside the image
 /// topic. Each of the streams has its own cursor, since messages of two sensors need not lie in the order of
-/// their stamps.
+/// their stamps. A stream ends, with a warning, where the bag is damaged.
 class BagSource : public SensorSource {
  public:
   /// Throws LoadProblems where the bag cannot be read or the choice of topics is not clear (candidates are
@@ -41,6 +41,7 @@ class BagSource : public SensorSource {
   std::size_t imageCount() const override { return image_count_; }
   std::size_t badImu() const override { return bad_imu_; }
   std::size_t badImages() const override { return bad_images_; }
+  std::optional<std::string> damage() const override { return damage_; }
   std::string description() const override;
 
   const std::string& imageTopic() const { return image_topic_; }
@@ -52,6 +53,7 @@ class BagSource : public SensorSource {
     rosbag::Bag bag;
     std::unique_ptr<rosbag::View> view;
     rosbag::View::iterator next;
+    std::optional<TimeNs> last;  ///< stamp of the last message that could be read
   };
 
   void open(Stream* stream);
@@ -60,6 +62,9 @@ class BagSource : public SensorSource {
   void readCameraInfo();
   void loadImu();
   void loadImage();
+  void readImu();
+  void readImage();
+  void endDamaged(Stream* stream, const std::string& topic, const std::string& error);
 
   std::string path_;
   WarningSink warn_;
@@ -74,6 +79,7 @@ class BagSource : public SensorSource {
   std::size_t image_count_ = 0;
   std::size_t bad_imu_ = 0;
   std::size_t bad_images_ = 0;
+  std::optional<std::string> damage_;
 };
 
 }  // namespace autocal_vio

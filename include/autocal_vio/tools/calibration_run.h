@@ -2,6 +2,7 @@
 #pragma once
 
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -31,16 +32,21 @@ class CalibrationRun {
   bool addFeatures(const FeatureFrame& frame, std::string* problem);
 
   VioState state() const { return system_.lastUpdate().state; }
+  /// In words, where the IMU samples so far end before the images.
+  std::optional<std::string> imuShortfall() const;
   /// The run so far; counts are the estimator's.
   CalibrationRunResult result() const;
 
  private:
+  void noteImage(TimeNs stamp);
   void beginCall();
   void endCall();
 
   RunRecord record_;
   VioSystem system_;
   std::uint64_t imu_samples_ = 0;
+  TimeNs last_imu_ = 0;
+  TimeNs last_image_ = 0;
   double call_begin_ = 0.0;      ///< CPU clock [s]
   std::size_t rows_before_ = 0;  ///< of the record, before the call
   double pending_ms_ = 0.0;      ///< CPU time not yet assigned to an image
@@ -51,8 +57,9 @@ class CalibrationRun {
 /// Called after each image read: share of the data set, state.
 using RunProgress = std::function<void(double fraction, VioState state)>;
 
-/// The whole data set. Images that the estimator refuses are passed to `warn`.
-CalibrationRunResult runCalibration(const RigModel& rig, const VioOptions& options, DatasetReader* reader,
-                                    const WarningSink& warn, const RunProgress& progress);
+/// The whole data set through a run that has just begun. Images that the estimator refuses, and IMU samples that end
+/// before the images, are passed to `warn`.
+CalibrationRunResult runCalibration(CalibrationRun* run, DatasetReader* reader, const WarningSink& warn,
+                                    const RunProgress& progress);
 
 }  // namespace autocal_vio

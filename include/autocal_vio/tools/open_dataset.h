@@ -22,7 +22,7 @@ struct DatasetRequest {
 
 /// A data set with the rig that recorded it.
 struct OpenedDataset {
-  std::unique_ptr<SensorSource> source;
+  std::unique_ptr<SensorSource> source;          ///< its stamps are guarded
   RigModel rig;                                  ///< camera is set
   std::optional<Transform> reference_T_imu_cam;  ///< the data set's own extrinsics, for judging only
   std::vector<std::string> notes;                ///< remarks for the user

@@ -3,6 +3,7 @@
 
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "autocal_vio/pipeline/vio_update.h"
@@ -29,7 +30,15 @@ bool extrinsicsKnown(const CalibrationEstimate& calibration);
 class RunRecord {
  public:
   void add(const VioUpdate& update);
+  /// An image that was handed to the estimator, whether an update comes of it or not.
+  void noteOffered(TimeNs image_stamp) { last_offered_ = image_stamp; }
+  /// The input could not be read to its end; `damage` says where and why.
+  void noteDamage(std::string damage) { damage_ = std::move(damage); }
 
+  /// What is missing at the end, in words; empty where the input was read and its images processed to the end, give
+  /// or take a second.
+  std::string shortfall() const;
+  const std::string& damage() const { return damage_; }
   const std::vector<RunRow>& rows() const { return rows_; }
   const std::vector<StateChange>& stateChanges() const { return state_changes_; }
   const std::string& lastReason() const { return last_reason_; }
@@ -42,6 +51,8 @@ class RunRecord {
   std::vector<StageTimes> times_;
   std::string last_reason_;
   std::string last_advice_;
+  std::optional<TimeNs> last_offered_;
+  std::string damage_;
 };
 
 }  // namespace autocal_vio

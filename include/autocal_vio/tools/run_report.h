@@ -13,11 +13,14 @@ namespace autocal_vio {
 /// How a run ended.
 struct Verdict {
   bool success = false;
-  std::string name;    ///< converged, not_converged, odometry_complete or odometry_incomplete
+  /// converged, not_converged, input_incomplete (converged, but the input could not be read to its end),
+  /// odometry_complete or odometry_incomplete
+  std::string name;
   std::string reason;  ///< one sentence
 };
 
-/// `fixed_extrinsics`: the run had to bring the odometry to its end; otherwise it had to converge.
+/// `fixed_extrinsics`: the run had to bring the odometry to the end of the images; otherwise it had to converge. Either
+/// way the input had to be readable to its end.
 Verdict judgeRun(const RunRecord& record, bool fixed_extrinsics);
 
 /// Run times: differ from run to run.
@@ -29,10 +32,12 @@ struct RunTimings {
 
 struct RunCounts {
   std::uint64_t images_processed = 0;
-  std::uint64_t images_dropped = 0;  ///< refused by the estimator or not readable
-  std::uint64_t images_unreadable = 0;
-  std::uint64_t imu_samples = 0;
-  std::uint64_t imu_unusable = 0;  ///< bad rows, not finite, out of order
+  std::uint64_t images_dropped = 0;     ///< all that were not processed
+  std::uint64_t images_unreadable = 0;  ///< of these: not readable, or with an impossible stamp
+  std::optional<std::uint64_t>
+      images_uncovered;                      ///< of these: never covered by IMU samples; nothing: not known
+  std::optional<std::uint64_t> imu_samples;  ///< nothing: not known
+  std::uint64_t imu_unusable = 0;            ///< bad rows, not finite, out of order
 };
 
 /// The calibration as of the last image, the verdict and the counts are the same for the same input; the

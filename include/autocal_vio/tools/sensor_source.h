@@ -33,6 +33,8 @@ class SensorSource {
   virtual std::size_t imageCount() const = 0;
   virtual std::size_t badImu() const = 0;
   virtual std::size_t badImages() const = 0;
+  /// Where and why a stream ended before its time; nothing while all is well.
+  virtual std::optional<std::string> damage() const { return std::nullopt; }
   /// One line for people: what is read.
   virtual std::string description() const = 0;
 };

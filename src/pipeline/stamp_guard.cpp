@@ -1,4 +1,4 @@
-#include "autocal_vio/ros/stamp_guard.h"
+#include "autocal_vio/pipeline/stamp_guard.h"
 
 namespace autocal_vio {
 namespace {
