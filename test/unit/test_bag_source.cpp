@@ -34,14 +34,14 @@ std::string writeBag(const TemporaryFolder& folder, rosbag::CompressionType comp
   return path;
 }
 
-/// Overwrites what follows the `number`th place where `text` stands.
-void damageAfter(const std::string& path, const std::string& text, int number,
+/// Overwrites what follows, `distance` bytes on, the `number`th place where `text` stands.
+void damageAfter(const std::string& path, const std::string& text, int number, std::size_t distance,
                  const std::string& replacement) {
   std::string bytes = readWholeFile(path);
   std::size_t place = 0;
   for (int i = 0; i < number; ++i) place = bytes.find(text, place + 1);
   ASSERT_NE(place, std::string::npos);
-  bytes.replace(place + text.size(), replacement.size(), replacement);
+  bytes.replace(place + text.size() + distance, replacement.size(), replacement);
   std::ofstream(path, std::ios::binary) << bytes;
 }
 
@@ -97,7 +97,7 @@ TEST(BagSource, EndsWhereAChunkCannotBeDecompressed) {
   const TemporaryFolder folder;
   for (const auto compression : {rosbag::compression::BZ2, rosbag::compression::LZ4}) {
     const std::string path = writeBag(folder, compression);
-    damageAfter(path, compression == rosbag::compression::BZ2 ? "compression=bz2" : "compression=lz4", 6,
+    damageAfter(path, compression == rosbag::compression::BZ2 ? "compression=bz2" : "compression=lz4", 6, 500,
                 std::string(1500, '\x5a'));
     expectEndedEarly(readAll(path));
   }
@@ -106,7 +106,7 @@ TEST(BagSource, EndsWhereAChunkCannotBeDecompressed) {
 TEST(BagSource, EndsWhereAChunkHasNoHeader) {
   const TemporaryFolder folder;
   const std::string path = writeBag(folder, rosbag::compression::Uncompressed);
-  damageAfter(path, "compression=", 6, "what");
+  damageAfter(path, "compression=", 6, 0, "what");
   expectEndedEarly(readAll(path));
 }
 
@@ -114,7 +114,7 @@ TEST(BagSource, EndsWhereAChunkHasNoHeader) {
 TEST(BagSource, ADamagedTopicLeavesTheOtherOne) {
   const TemporaryFolder folder;
   const std::string path = writeBag(folder, rosbag::compression::Uncompressed);
-  damageAfter(path, "mono8", 20,
+  damageAfter(path, "mono8", 20, 0,
               std::string(8, '\x7f'));  // is_bigendian, step, and most of the size of the data
   const Read read = readAll(path);
   EXPECT_EQ(read.imu, 10 * kImages);

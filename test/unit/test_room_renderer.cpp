@@ -143,31 +143,38 @@ TEST_F(RoomRendererTest, TheSamePoseGivesTheSameImage) {
   EXPECT_GT(cv::norm(image, different, cv::NORM_INF), 50.0);
 }
 
-TEST_F(RoomRendererTest, ImagesAreWellExposedAndFastToRender) {
-  std::vector<double> milliseconds;
+TEST_F(RoomRendererTest, ImagesAreWellExposed) {
   for (double t = 2.0; t < 50.0; t += 2.0) {
-    const Transform T_WC = cameraPose(t);
-    cv::Mat image;
-    double least = 1e9;  // of a few: other programs cost caches and clock rate, but not always
-    for (int i = 0; i < 3; ++i) {
-      const double start = threadCpuMs();
-      image = render(T_WC);
-      least = std::min(least, threadCpuMs() - start);
-    }
-    milliseconds.push_back(least);
     cv::Scalar mean, sigma;
-    cv::meanStdDev(image, mean, sigma);
+    cv::meanStdDev(render(cameraPose(t)), mean, sigma);
     EXPECT_GT(mean[0], 60.0);
     EXPECT_LT(mean[0], 190.0);
     EXPECT_GT(sigma[0], 15.0);
   }
-  std::sort(milliseconds.begin(), milliseconds.end());
-  const double median = milliseconds[milliseconds.size() / 2];
-  RecordProperty("render_ms", std::to_string(median));
-  std::cout << "rendering 752x480: " << median << " ms of CPU, median\n";
+}
+
+// Other programs make CPU time longer, too, by what they take of the core: the best of a few rounds counts.
+TEST_F(RoomRendererTest, ImagesAreFastToRender) {
 #ifdef AUTOCAL_VIO_OPTIMIZED
-  EXPECT_LT(median, 25.0);
+  constexpr double kLimitMs = 25.0;
+#else
+  constexpr double kLimitMs = 1e6;
 #endif
+  double best = 1e9;
+  for (int round = 0; round < 6 && best >= kLimitMs; ++round) {
+    std::vector<double> milliseconds;
+    for (double t = 2.0; t < 50.0; t += 2.0) {
+      const Transform T_WC = cameraPose(t);
+      const double start = threadCpuMs();
+      render(T_WC);
+      milliseconds.push_back(threadCpuMs() - start);
+    }
+    std::sort(milliseconds.begin(), milliseconds.end());
+    best = std::min(best, milliseconds[milliseconds.size() / 2]);
+  }
+  RecordProperty("render_ms", std::to_string(best));
+  std::cout << "rendering 752x480: " << best << " ms of CPU, median\n";
+  EXPECT_LT(best, kLimitMs);
 }
 
 TEST_F(RoomRendererTest, FisheyeCamerasAreRenderedToo) {
