@@ -24,6 +24,8 @@ constexpr double kSigmaInflation =
     1.4;  // tracking errors are correlated in time: white-noise sigmas are too small
 constexpr double kOutlierPx = 4.0;        // [px] after the first solve
 constexpr double kLargestPixelRms = 2.0;  // [px] of an acceptable solution
+constexpr double kLargestAccelBias =
+    2.0;  // [m/s^2] beyond it the unit or the scale of the accelerometer is wrong
 constexpr int kSolveIterations = 20;
 constexpr double kLongestPause = 2.0;  // times the interval between attempts
 
@@ -56,13 +58,22 @@ double relativeScaleSigma(const VisualInertialGraph& graph, const GraphCovarianc
 
 }  // namespace
 
-std::string priorProblemText(double angle, double sigma, bool held) {
+std::string rotationPriorProblem(double angle, double sigma, bool held) {
   constexpr double kDegrees = 180.0 / 3.14159265358979323846;
   std::ostringstream text;
   text.precision(2);
   text << "the extrinsics given beforehand are WRONG: their rotation is " << angle * kDegrees
        << " deg off what images and gyroscope say (sigma given: " << sigma * kDegrees << " deg); they are "
        << (held ? "held all the same" : "not used any more");
+  return text.str();
+}
+
+std::string translationPriorProblem(double distance, double sigma) {
+  std::ostringstream text;
+  text.precision(2);
+  text << "the extrinsics given beforehand are WRONG: their translation is " << 100.0 * distance
+       << " cm off what images and IMU say (sigma given: " << 100.0 * sigma
+       << " cm); they are not used any more";
   return text.str();
 }
 
@@ -174,7 +185,7 @@ void CalibratingInitializer::addKeyframe(const FeatureFrame& frame, const ImuBuf
 void CalibratingInitializer::checkPrior() {
   const std::optional<double>& angle = rotation_calibrator_.priorContradiction();
   if (!prior_ || !angle) return;
-  prior_problem_ = priorProblemText(*angle, prior_->sigma_rotation, hold_rotation_ || hold_translation_);
+  prior_problem_ = rotationPriorProblem(*angle, prior_->sigma_rotation, hold_rotation_ || hold_translation_);
   if (hold_rotation_ || hold_translation_) return;
   // Whoever is wrong about the rotation is not to be trusted with the translation.
   prior_.reset();
@@ -341,6 +352,7 @@ bool CalibratingInitializer::judge(const InitializedProblem& problem) {
   int observations = 0;
   const double rms = problem.graph.pixelSigma(&observations);
   const NoiseFactors& factors = problem.noise.factors();
+  const double bias = problem.graph.frames().back().bias().accelerometer.norm();
   std::ostringstream why;
   if (!(sigma_scale < options_.max_sigma_scale)) {
     // The further away, the longer it takes to get there; a batch is the dearest step of all.
@@ -353,6 +365,8 @@ bool CalibratingInitializer::judge(const InitializedProblem& problem) {
     why << "images and IMU do not fit together yet: IMU noise " << kLargestNoiseFactor
         << " times the rig file's";
   }
+  if (why.str().empty() && !(bias < kLargestAccelBias))
+    why << "the accelerometer's bias came out as " << bias << " m/s^2, which no sound sensor has";
   if (!why.str().empty()) return fail(why.str(), advice);
   status_.sigma_scale = sigma_scale;
   fail("", "");

@@ -19,6 +19,7 @@ using Eigen::Vector3d;
 using Eigen::VectorXd;
 
 constexpr double kSmallestSingularRatio = 1e-11;
+constexpr double kSureScale = 0.1;  // relative sigma at which the sign of the scale is beyond doubt
 
 // Least squares A x = b with unit columns.
 struct LinearSolution {
@@ -94,7 +95,12 @@ std::string checkMotion(const AlignmentInput& input, const AlignmentEquations& e
 
 std::string scaleRefusal(double scale, double sigma_scale, double max_sigma_scale) {
   std::ostringstream reason;
-  if (!(scale > 0.0)) {
+  if (scale < 0.0 && sigma_scale < kSureScale) {
+    reason << "the scale came out as " << scale
+           << ", surely below 0: the accelerometer seems to measure gravity downwards at rest, or in another "
+              "frame than "
+              "the gyroscope";
+  } else if (!(scale > 0.0)) {
     reason << "the scale came out as " << scale << ": acceleration too small against the noise";
   } else if (!(sigma_scale <= max_sigma_scale)) {
     reason << "the scale is uncertain by " << 100.0 * sigma_scale << " %, at most " << 100.0 * max_sigma_scale

@@ -58,7 +58,7 @@ std::size_t countCommon(const FeatureFrame& first, const FeatureFrame& second) {
 }
 
 std::string withNumber(const char* format, double value) {
-  char text[160];
+  char text[240];
   std::snprintf(text, sizeof(text), format, value);
   return text;
 }
@@ -303,12 +303,15 @@ void RotationCalibrator::judge(const RotationCalibration& solution) {
     e.reason = "too little rotation: standstill or translation only";
   } else if (excitation.principal(1) < enough) {
     e.reason = "rotation about one axis only";
+  } else if (solution.residual_scale > options_.max_residual_scale || solution.inlier_ratio < 0.5) {
+    e.reason = withNumber(
+        "camera and gyroscope contradict each other: residuals are %.1f times the noise (a gyroscope in "
+        "deg/s, axes of "
+        "another hand, stamps of another clock?)",
+        solution.residual_scale);
   } else if (worst > limit) {
     e.reason = withNumber("the rotation is known to %.2f deg only", worst / kDegree);
     e.motion_advice = rotationAdvice(excitation, std::numeric_limits<double>::infinity());
-  } else if (solution.residual_scale > options_.max_residual_scale || solution.inlier_ratio < 0.5) {
-    e.reason = withNumber("camera and gyroscope contradict each other: residuals are %.1f times the noise",
-                          solution.residual_scale);
   } else if (recent_.size() < kStableSolutions || spread > 3.0 * limit) {
     e.reason = withNumber("the last estimates still differ by %.2f deg", spread / kDegree);
   } else {

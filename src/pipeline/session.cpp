@@ -39,10 +39,13 @@ constexpr double kUnknownSigma = 1e3;          // published where nothing is kno
 constexpr double kMinSigmaRotation = 1e-5;     // [rad] of a prior for the next session: less is a pretence
 constexpr double kMinSigmaTranslation = 1e-4;  // [m]
 constexpr double kMinSigmaTd = 1e-3;           // [s]
-constexpr double kTellingShare =
-    0.5;  // of a prior's sigma: known better than this, the data speak for themselves
-constexpr double kContradictionSigmas = 5.0;  // from a prior
-constexpr double kBlindRemark = 0.3;          // [s] without usable images before the reason says so
+constexpr double kContradictionSigmas = 5.0;   // from a prior
+constexpr double kBlindRemark = 0.3;           // [s] without usable images before the reason says so
+
+// An estimate that began at a prior moves from it by less than the prior's sigma, were that true.
+bool contradicts(double distance, double sigma, double prior_sigma) {
+  return distance > kContradictionSigmas * std::max(sigma, prior_sigma);
+}
 
 // Rotation about the vertical that brings `from` nearest to `to`; defined for any attitude but one upside down.
 Eigen::Quaterniond headingBetween(const Eigen::Quaterniond& from, const Eigen::Quaterniond& to) {
@@ -121,17 +124,23 @@ bool Session::initialize(const FeatureFrame& frame, const ImuBuffer& imu, VioUpd
   return true;
 }
 
-// The estimate may have been started from a wrong prior before the rotation step could tell: its own data overrule a
-// prior that is far away, and then it has to go, for it still pulls.
+// The estimate may have been started from a wrong prior before the rotation step could tell, and nothing looks at its
+// translation beforehand: the estimate's own data overrule a prior that is far away, and then it has to go, for it
+// still pulls.
 void Session::checkPrior() {
   if (!prior_ || !prior_problem_.empty()) return;
-  if (hold_rotation_) return;
-  const double sigma = std::sqrt(extrinsic_covariance_.diagonal().tail<3>().maxCoeff());
-  const Eigen::Quaterniond R_BC = estimator_->graph().calibration().T_BC().rotation;
-  const double angle = R_BC.angularDistance(prior_->T_imu_cam.rotation);
-  if (sigma > kTellingShare * prior_->sigma_rotation || angle < kContradictionSigmas * prior_->sigma_rotation)
+  const Transform T_BC = estimator_->graph().calibration().T_BC();
+  const Eigen::Matrix<double, 6, 1> sigma = extrinsic_covariance_.diagonal().cwiseSqrt();
+  const double angle = T_BC.rotation.angularDistance(prior_->T_imu_cam.rotation);
+  const double distance = (T_BC.translation - prior_->T_imu_cam.translation).norm();
+  if (!hold_rotation_ && contradicts(angle, sigma.tail<3>().maxCoeff(), prior_->sigma_rotation)) {
+    prior_problem_ = rotationPriorProblem(angle, prior_->sigma_rotation, false);
+  } else if (!hold_translation_ &&
+             contradicts(distance, sigma.head<3>().maxCoeff(), prior_->sigma_translation)) {
+    prior_problem_ = translationPriorProblem(distance, prior_->sigma_translation);
+  } else {
     return;
-  prior_problem_ = priorProblemText(angle, prior_->sigma_rotation, false);
+  }
   estimator_->dropCalibrationPrior();
 }
 

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "autocal_vio/frontend/feature_tracker.h"
+#include "autocal_vio/imu/imu_plausibility.h"
 #include "autocal_vio/pipeline/measurement_sync.h"
 #include "autocal_vio/pipeline/session.h"
 #include "autocal_vio/pipeline/stage_clock.h"
@@ -63,6 +64,7 @@ class VioSystem::Impl {
         sync_.addImu(sample);
         break;
     }
+    imu_plausibility_.add(sample);
     processReady();
   }
 
@@ -140,6 +142,7 @@ class VioSystem::Impl {
   void restartClock() {
     countUncovered(sync_.framesWaiting());
     sync_.clear();
+    imu_plausibility_ = ImuPlausibility();
     if (!last_processed_) return;
     const bool estimating = session_->estimating();
     reset(true);
@@ -182,6 +185,8 @@ class VioSystem::Impl {
       update_.state = VioState::kLost;
       update_.reason = lost_because_ + "; starting again: " + update_.reason;
     }
+    const std::string imu_problem = imu_plausibility_.problem();
+    if (!imu_problem.empty()) update_.reason = imu_problem + "; " + update_.reason;
     ++counters_.images_processed;
     update_.counters = counters_;
     sink_(update_);
@@ -215,6 +220,7 @@ class VioSystem::Impl {
   UpdateSink sink_;
   FeatureTracker tracker_;
   MeasurementSync sync_;
+  ImuPlausibility imu_plausibility_;
   std::unique_ptr<Session> session_;
   std::optional<FreezeSelection> frozen_;
   std::optional<TimeNs> last_processed_;

@@ -141,6 +141,23 @@ TEST(HeldCalibration, APriorThatTheDataContradictIsDroppedLoudly) {
   }
 }
 
+TEST(HeldCalibration, ATranslationThatTheDataContradictIsDroppedLoudly) {
+  for (std::uint64_t seed = 1; seed <= 2; ++seed) {
+    const Stream stream = eurocStream(seed, 25.0);
+    RigModel rig = rigWithPrior(stream.data(), 0.0, 0.15);
+    rig.extrinsics_prior->sigma_translation = 0.01;
+    const FaultRun run = runStream(stream, rig, VioOptions());
+    printStates(run);
+    const VioUpdate& last = run.last().update;
+    EXPECT_NE(last.reason.find("their translation is"), std::string::npos) << last.reason;
+    EXPECT_LT(translationError(last, stream.data()), 0.01);
+    for (const FaultRecord& r : run.records) {
+      if (r.update.state != VioState::kConverged) continue;
+      EXPECT_LT(translationError(r.update, stream.data()), 0.02) << r.time;
+    }
+  }
+}
+
 TEST(HeldCalibration, FixedExtrinsicsThatTheDataContradictAreCalledWrong) {
   const Stream stream = eurocStream(3, 14.0);
   RigModel rig = rigWithPrior(stream.data(), 10.0, 0.0);

@@ -140,5 +140,28 @@ TEST(ImuFaults, ClockGoingForwardByAnHourIsOneLoss) {
   expectRecovery(run, stream.data(), 14.01, 14.0, 5.0);
 }
 
+// From nothing, with every IMU sample changed: nothing is claimed and the fault is named.
+std::string reasonWith(const std::function<void(ImuSample*)>& change) {
+  Stream stream = eurocStream(7, 15.0);
+  stream.changeImu([&change](double, ImuSample* sample) { change(sample); });
+  const FaultRun run = runStream(stream, stream.data().rig.rig, VioOptions());
+  EXPECT_FALSE(run.firstFrom(0.0, true)) << "odometry at " << run.firstFrom(0.0, true)->time << " s";
+  return run.last().update.reason;
+}
+
+TEST(ImuFaults, WrongUnitsAndSignsAreNamedAndNothingIsClaimed) {
+  const std::string in_g = reasonWith([](ImuSample* s) { s->acceleration /= 9.80665; });
+  EXPECT_NE(in_g.find("g instead of m/s^2"), std::string::npos) << in_g;
+  const std::string no_gravity =
+      reasonWith([](ImuSample* s) { s->acceleration -= 9.81 * s->acceleration.normalized(); });
+  EXPECT_NE(no_gravity.find("does not show gravity"), std::string::npos) << no_gravity;
+  const std::string downwards = reasonWith([](ImuSample* s) { s->acceleration *= -1.0; });
+  EXPECT_NE(downwards.find("gravity downwards"), std::string::npos) << downwards;
+  const std::string degrees = reasonWith([](ImuSample* s) { s->angular_velocity *= kDegreesPerRadian; });
+  EXPECT_NE(degrees.find("gyroscope"), std::string::npos) << degrees;
+  std::printf("  %s\n  %s\n  %s\n  %s\n", in_g.c_str(), no_gravity.c_str(), downwards.c_str(),
+              degrees.c_str());
+}
+
 }  // namespace
 }  // namespace autocal_vio

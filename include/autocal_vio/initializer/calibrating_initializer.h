@@ -43,7 +43,9 @@ struct InitializedProblem {
 };
 
 /// Says loudly that a rotation given with `sigma` is `angle` [rad] off; `held`: it is used nevertheless.
-std::string priorProblemText(double angle, double sigma, bool held);
+std::string rotationPriorProblem(double angle, double sigma, bool held);
+/// Says loudly that a translation given with `sigma` is `distance` off [m].
+std::string translationPriorProblem(double distance, double sigma);
 
 class CalibratingInitializer {
  public:
