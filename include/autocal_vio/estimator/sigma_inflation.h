@@ -26,7 +26,7 @@ class SigmaInflation {
   struct Sample {
     TimeNs stamp = 0;
     Transform T_BC;
-    Eigen::Matrix<double, 6, 1> variance;
+    Eigen::Matrix<double, 6, 1> variance = Eigen::Matrix<double, 6, 1>::Zero();
   };
 
   double least_;
