@@ -13,7 +13,7 @@ namespace autocal_vio {
 
 struct ExtrinsicMonitorOptions {
   double max_sigma_rotation_deg = 0.1;
-  double max_sigma_translation = 0.005;
+  double max_sigma_translation = 0.006;
   double max_sigma_td = 0.001;
   double stable_time = 2.0;
   double max_step_sigmas = 2.0;
