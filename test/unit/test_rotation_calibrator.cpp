@@ -14,6 +14,11 @@ namespace {
 using Eigen::Vector3d;
 
 constexpr double kDegree = 3.14159265358979323846 / 180.0;
+#ifdef AUTOCAL_VIO_OPTIMIZED
+constexpr int kSeeds = 20;
+#else
+constexpr int kSeeds = 3;
+#endif
 
 struct RunResult {
   RotationEstimate at_acceptance, last;
@@ -95,11 +100,11 @@ void checkSeeds(const char* name, FeatureSimulationOptions (*make)(std::uint64_t
 }
 
 TEST(RotationCalibrator, EurocNoise) {
-  checkSeeds("euroc", FeatureSimulationOptions::euroc, 20, 0.5);
+  checkSeeds("euroc", FeatureSimulationOptions::euroc, kSeeds, 0.5);
 }
 
 TEST(RotationCalibrator, DriftingTracks) {
-  checkSeeds("realistic", FeatureSimulationOptions::realistic, 20, 0.8);
+  checkSeeds("realistic", FeatureSimulationOptions::realistic, kSeeds, 0.8);
 }
 
 TEST(RotationCalibrator, ExactData) {
