@@ -23,6 +23,13 @@ cv::Point2f toCv(const Eigen::Vector2d& v) {
 FeatureTracker::FeatureTracker(const CameraModel& camera, const FeatureTrackerOptions& options)
     : camera_(camera), options_(options), detector_(cv::Size(camera.width(), camera.height()), options) {}
 
+void FeatureTracker::drop(const std::set<std::int64_t>& ids) {
+  if (ids.empty()) return;
+  tracks_.erase(std::remove_if(tracks_.begin(), tracks_.end(),
+                               [&ids](const Track& track) { return ids.count(track.id) != 0; }),
+                tracks_.end());
+}
+
 void FeatureTracker::reset() {
   tracks_.clear();
   pyramid_.clear();

@@ -13,6 +13,7 @@ constexpr double kDefaultInverseDepth = 0.25;  // [1/m]
 constexpr double kMinInverseDepth = 0.01;      // [1/m]
 constexpr double kMaxInverseDepth = 10.0;      // [1/m]
 constexpr double kMinParallaxPx = 1.0;         // below it triangulation says nothing about depth
+constexpr double kMostWandering = 0.5;         // share of a frame's landmarks; more, and the frame is wrong
 
 const FrameState* findFrame(const std::deque<FrameState>& frames, FrameId id) {
   const auto it = std::lower_bound(frames.begin(), frames.end(), id,
@@ -57,7 +58,12 @@ double triangulate(const Landmark& landmark, const Transform& T_WA, const std::d
 }  // namespace
 
 void LandmarkMap::addObservations(const FrameState& frame) {
+  std::set<std::int64_t> still_wandering;
   for (const Feature& feature : frame.features) {
+    if (wandering_.count(feature.track_id) != 0) {
+      still_wandering.insert(feature.track_id);
+      continue;
+    }
     const auto open = open_by_track_.find(feature.track_id);
     if (open != open_by_track_.end()) {
       landmarks_.at(open->second).observations.push_back({frame.id, feature});
@@ -71,6 +77,7 @@ void LandmarkMap::addObservations(const FrameState& frame) {
     open_by_track_[feature.track_id] = landmark.id;
     landmarks_.emplace(landmark.id, std::move(landmark));
   }
+  wandering_ = std::move(still_wandering);
 }
 
 void LandmarkMap::erase(std::map<std::int64_t, Landmark>::iterator it) {
@@ -132,10 +139,14 @@ std::vector<Landmark> LandmarkMap::extractObservedIn(FrameId frame) {
 int LandmarkMap::dropOutliers(const std::deque<FrameState>& frames, const CalibrationState& calibration,
                               double threshold) {
   int dropped = 0;
+  std::size_t seen = 0;
+  std::vector<std::int64_t> wandering;
   for (auto it = landmarks_.begin(); it != landmarks_.end();) {
     auto current = it++;
     Landmark& landmark = current->second;
     if (!landmark.initialized) continue;
+    const FrameId last = landmark.observations.back().frame;
+    seen += last == frames.back().id;
     std::vector<Observation> kept;
     for (const Observation& observation : landmark.observations) {
       const FrameState* frame = findFrame(frames, observation.frame);
@@ -145,7 +156,16 @@ int LandmarkMap::dropOutliers(const std::deque<FrameState>& frames, const Calibr
     if (kept.size() == landmark.observations.size()) continue;
     dropped += static_cast<int>(landmark.observations.size() - kept.size());
     landmark.observations = std::move(kept);
-    if (landmark.observations.size() < 2) erase(current);
+    if (landmark.observations.size() < 2) {
+      erase(current);
+    } else if (last == frames.back().id && landmark.observations.back().frame != last) {
+      wandering.push_back(landmark.track_id);
+    }
+  }
+  if (static_cast<double>(wandering.size()) > kMostWandering * static_cast<double>(seen)) return dropped;
+  for (const std::int64_t track : wandering) {
+    open_by_track_.erase(track);
+    wandering_.insert(track);
   }
   return dropped;
 }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <opencv2/core/mat.hpp>
 #include <optional>
+#include <set>
 #include <stdexcept>
 #include <utility>
 
@@ -170,6 +171,7 @@ class VioSystem::Impl {
     fillTracks(frame);
     last_processed_ = pending.stamp;
     const bool sound = session_->process(frame, sync_.imu(), &update_);
+    if (const std::set<std::int64_t>* wandering = session_->wanderingTracks()) tracker_.drop(*wandering);
     if (session_->priorContradicted() && !options_.fix_extrinsics) {
       rig_.extrinsics_prior.reset();
       session_rig_.extrinsics_prior.reset();

@@ -6,6 +6,7 @@
 #include <opencv2/core/mat.hpp>
 #include <opencv2/core/types.hpp>
 #include <optional>
+#include <set>
 #include <vector>
 
 #include "autocal_vio/frontend/corner_detector.h"
@@ -24,6 +25,9 @@ class FeatureTracker {
   /// `R_previous_current`: predicted rotation, takes coordinates of the current camera frame to the previous one.
   FeatureFrame track(TimeNs stamp, const cv::Mat& image,
                      const std::optional<Eigen::Matrix3d>& R_previous_current);
+
+  /// Forgets these tracks: whoever uses them has found that they slide off their points. Corners take their places.
+  void drop(const std::set<std::int64_t>& ids);
 
   /// Forgets all tracks; ids are not used again.
   void reset();

@@ -8,6 +8,7 @@
 #include <Eigen/Core>
 #include <deque>
 #include <map>
+#include <set>
 #include <unordered_map>
 #include <vector>
 
@@ -43,7 +44,7 @@ class LandmarkMap {
   /// Landmarks get between `shortest` and `longest` observations.
   LandmarkMap(int shortest, int longest) : shortest_(shortest), longest_(longest) {}
 
-  /// Adds all features of a frame as observations.
+  /// Adds the features of a frame as observations, but for those of tracks that wander.
   void addObservations(const FrameState& frame);
 
   /// Forgets the frame's observations; landmarks left without any go.
@@ -59,9 +60,14 @@ class LandmarkMap {
   std::vector<Landmark> extractObservedIn(FrameId frame);
 
   /// Drops observations whose reprojection error exceeds `threshold` [px]; landmarks left with fewer than two
-  /// observations are started anew. Returns how many observations were dropped.
+  /// observations are started anew. A track whose newest point no longer fits where its earlier ones do wanders: its
+  /// landmark is closed and the track counts no more. Returns how many observations were dropped.
   int dropOutliers(const std::deque<FrameState>& frames, const CalibrationState& calibration,
                    double threshold);
+
+  /// Tracks of the newest frame that slid off their point, along an edge or onto something else. Many at once are no
+  /// tracks that wander but a pose that is wrong, and none is counted then.
+  const std::set<std::int64_t>& wanderingTracks() const { return wandering_; }
 
   /// True when the track is part of an initialised landmark.
   bool isTrackInitialized(std::int64_t track_id) const;
@@ -76,6 +82,7 @@ class LandmarkMap {
   std::int64_t next_id_ = 0;
   std::map<std::int64_t, Landmark> landmarks_;  ///< by landmark id, so that order is repeatable
   std::unordered_map<std::int64_t, std::int64_t> open_by_track_;  ///< track id -> landmark id
+  std::set<std::int64_t> wandering_;
 };
 
 /// Pixel error of an observation at the present states, first order in the distortion; infinite when behind.

@@ -3,6 +3,7 @@
 
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 
 #include "autocal_vio/estimator/extrinsic_monitor.h"
@@ -45,6 +46,10 @@ class Session {
   std::optional<CalibrationKnowledge> knowledge() const;
   /// True once the data have contradicted the extrinsics given to this session.
   bool priorContradicted() const { return !prior_problem_.empty() && !hold_rotation_ && !hold_translation_; }
+  /// Tracks that the estimate has found to slide off their point; null before there is one.
+  const std::set<std::int64_t>* wanderingTracks() const {
+    return estimator_ ? &estimator_->graph().landmarkMap().wanderingTracks() : nullptr;
+  }
   /// Pose of the last sound estimate in the odometry frame.
   const std::optional<Transform>& lastPose() const { return last_pose_; }
 
