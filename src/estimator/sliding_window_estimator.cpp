@@ -10,7 +10,7 @@
 namespace autocal_vio {
 namespace {
 
-constexpr double kFunctionTolerance = 1e-4;  // relative change of the cost at which a window is solved
+constexpr double kFunctionTolerance = 1e-5;  // relative change of the cost at which a window is solved
 constexpr double kOutlierSigmas = 4.0;       // a reprojection this far out is dropped
 constexpr double kMinOutlierPx = 1.5;        // [px] and at least this far
 constexpr double kPixelSigmaGain = 0.05;     // per keyframe

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <map>
 #include <memory>
 #include <opencv2/imgproc.hpp>
@@ -293,6 +294,20 @@ TEST_F(FeatureTrackerTest, IdsAscendAndAreNeverUsedAgain) {
     seen.insert(now.begin(), now.end());
     tracker.reset();
   }
+}
+
+TEST_F(FeatureTrackerTest, TracksThatOthersGiveUpAreForgotten) {
+  FeatureTracker tracker(camera_, FeatureTrackerOptions());
+  const FeatureFrame first = tracker.track(0, render(cameraPose(2.0)), std::nullopt);
+  const std::set<std::int64_t> all = idsOf(first);
+  const std::set<std::int64_t> given_up(all.begin(), std::next(all.begin(), 20));
+  tracker.drop(given_up);
+  const FeatureFrame second = tracker.track(kInterval, render(cameraPose(2.02)), std::nullopt);
+  const std::set<std::int64_t> left = idsOf(second);
+  for (const std::int64_t id : given_up) EXPECT_EQ(left.count(id), 0u) << id;
+  EXPECT_GT(kept(first, second), 0.6);
+  EXPECT_GT(second.features.size(), first.features.size() - 20) << "corners take their places";
+  tracker.drop({-1, 1000000});
 }
 
 TEST_F(FeatureTrackerTest, TheSameImagesGiveTheSameBytes) {

@@ -212,6 +212,35 @@ TEST_F(LandmarkMapTest, ALandmarkThatIsWrongThroughoutIsGivenUpAndItsTrackStarts
   EXPECT_EQ(map_.landmarks().rbegin()->second.observations.size(), 1u);
 }
 
+TEST_F(LandmarkMapTest, ATrackThatWandersCountsNoMore) {
+  addFrames(3, {1, 2, 3});
+  map_.initialize(frames_, calibration_);
+  FrameState slid = makeFrame(3, {1, 2, 3});
+  slid.features[1].normalized.y() += 5.0 / camera_.focalLength();
+  addFrame(slid);
+  EXPECT_TRUE(map_.wanderingTracks().empty());
+  EXPECT_EQ(map_.dropOutliers(frames_, calibration_, 2.0), 1);
+  EXPECT_EQ(map_.wanderingTracks(), std::set<std::int64_t>{2});
+  // Its landmark keeps what fitted, and neither that nor another takes up its further points.
+  addFrame(makeFrame(4, {1, 2, 3}));
+  ASSERT_EQ(map_.landmarks().size(), 3u);
+  for (const auto& [id, landmark] : map_.landmarks())
+    EXPECT_EQ(landmark.observations.size(), landmark.track_id == 2 ? 3u : 5u);
+  // Forgotten once the tracker has given it up.
+  addFrame(makeFrame(5, {1, 3}));
+  EXPECT_TRUE(map_.wanderingTracks().empty());
+}
+
+TEST_F(LandmarkMapTest, AFrameThatIsWrongMakesNoTrackWander) {
+  addFrames(4, {1, 2, 3});
+  map_.initialize(frames_, calibration_);
+  FrameState wrong = makeFrame(4, {1, 2, 3});
+  for (Feature& feature : wrong.features) feature.normalized.y() += 5.0 / camera_.focalLength();
+  addFrame(wrong);
+  EXPECT_EQ(map_.dropOutliers(frames_, calibration_, 2.0), 3);
+  EXPECT_TRUE(map_.wanderingTracks().empty());
+}
+
 TEST_F(LandmarkMapTest, APointBehindTheCameraIsInfinitelyWrong) {
   addFrames(4, {1});
   map_.initialize(frames_, calibration_);

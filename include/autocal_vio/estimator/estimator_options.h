@@ -4,7 +4,7 @@ namespace autocal_vio {
 
 struct EstimatorOptions {
   int window_keyframes = 10;
-  int max_iterations = 6;
+  int max_iterations = 8;
   double keyframe_parallax = 20.0;
   double keyframe_max_interval = 0.5;
   double pixel_sigma = 1.0;
