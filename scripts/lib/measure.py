@@ -219,8 +219,28 @@ def standstill(table, arguments):
     table.inform('standstill', 'reason', report.get('reason'))
 
 
+def initializer(table, arguments):
+    """The calibrating initialiser over many seeds; its tests hold the bars, their output has the figures."""
+    seeds = arguments.seeds_of_initializer
+    subprocess.run([ROOT / 'scripts/build', 'test_initializer_monte_carlo', 'test_gyroscope_bias_sweep'], check=True,
+                   stdout=subprocess.DEVNULL)
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    environment = dict(os.environ, AUTOCAL_VIO_SEEDS=str(seeds),
+                       AUTOCAL_VIO_SWEEP_PNG=str(arguments.out / 'gyroscope_bias.png'))
+    for program in ('test_initializer_monte_carlo', 'test_gyroscope_bias_sweep'):
+        log = arguments.out / (program + '.log')
+        with open(log, 'w') as stream:
+            code = subprocess.run([ROOT / 'build/devel/lib/autocal_vio' / program], env=environment, stdout=stream,
+                                  stderr=subprocess.STDOUT).returncode
+        for line in log.read_text().splitlines():
+            if ' | ' in line:
+                print(line)
+        table.holds('initializer', '%s, %d seeds' % (program, seeds), 'exit %d' % code, 'exit 0', code == 0)
+
+
 CASES = {'exact': exact, 'noisy': noisy, 'realistic': realistic, 'rendered': rendered, 'clip': clip,
-         'initial': initial, 'live': live, 'standstill': standstill}
+         'initial': initial, 'live': live, 'standstill': standstill, 'initializer': initializer}
+LONG = {'initializer'}  # only when asked for
 NEED_DATA = {'clip', 'initial', 'live', 'standstill'}
 
 
@@ -228,9 +248,10 @@ def main():
     parser = argparse.ArgumentParser(prog='scripts/measure')
     parser.add_argument('--only', help='cases, separated by commas: ' + ', '.join(CASES))
     parser.add_argument('--seeds', type=int, default=10, help='runs of each simulated case with noise')
+    parser.add_argument('--seeds-of-initializer', type=int, default=100, metavar='N', help='runs of the case initializer')
     parser.add_argument('--out', type=pathlib.Path, default=ROOT / 'build' / 'measure')
     arguments = parser.parse_args()
-    names = arguments.only.split(',') if arguments.only else list(CASES)
+    names = arguments.only.split(',') if arguments.only else [name for name in CASES if name not in LONG]
     unknown = [name for name in names if name not in CASES]
     if unknown:
         parser.error('no such case: ' + ', '.join(unknown))
