@@ -1,0 +1,136 @@
+// One session alone: from nothing to an estimate, to its loss.
+#include "autocal_vio/pipeline/session.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "autocal_vio/geometry/so3.h"
+#include "autocal_vio/sim/feature_simulator.h"
+
+namespace autocal_vio {
+namespace {
+
+constexpr double kDegree = 3.14159265358979323846 / 180.0;
+constexpr TimeNs kAhead = 50000000;  // of IMU samples before the image: any time offset is covered
+
+class SessionTest : public ::testing::Test {
+ protected:
+  // Made once; with the true extrinsics as a prior, so that the estimate begins early.
+  static void SetUpTestSuite() {
+    FeatureSimulationOptions options = FeatureSimulationOptions::euroc(3);
+    options.motion.duration = 8.0;
+    data_ = new FeatureDataset(simulateFeatures(options));
+  }
+  static void TearDownTestSuite() { delete data_; }
+
+  static RigModel rig() {
+    RigModel rig = data_->rig.rig;
+    rig.extrinsics_prior = ExtrinsicsPrior{data_->rig.T_imu_cam, 0.5 * kDegree, 0.01};
+    return rig;
+  }
+
+  static Session makeSession(const std::optional<Transform>& start = std::nullopt) {
+    return Session(CameraModel(*data_->rig.rig.camera).focalLength(), rig(), VioOptions(), start);
+  }
+
+  // Feeds the images up to `seconds`, with IMU samples as far as `imu_seconds`; false once the session is lost.
+  bool feed(Session* session, double seconds, double imu_seconds = 1e9) {
+    const TimeNs begin = data_->frames.front().stamp;
+    for (; frame_ < data_->frames.size(); ++frame_) {
+      const FeatureFrame& frame = data_->frames[frame_];
+      if (toSeconds(frame.stamp - begin) > seconds) break;
+      while (sample_ < data_->imu.size() && data_->imu[sample_].stamp <= frame.stamp + kAhead) {
+        if (toSeconds(data_->imu[sample_].stamp - begin) <= imu_seconds) imu_.add(data_->imu[sample_]);
+        ++sample_;
+      }
+      update_ = VioUpdate();
+      update_.stamp = frame.stamp;
+      if (!session->process(frame, imu_, &update_)) return false;
+      if (update_.odometry && !first_) first_ = update_.odometry->T_odom_imu;
+    }
+    return true;
+  }
+
+  static FeatureDataset* data_;
+  ImuBuffer imu_{30 * kNsPerSecond};
+  std::size_t frame_ = 0, sample_ = 0;
+  VioUpdate update_;
+  std::optional<Transform> first_;  // pose of the first odometry
+};
+
+FeatureDataset* SessionTest::data_ = nullptr;
+
+TEST_F(SessionTest, BeforeTheFirstEstimateItKnowsWhatItWasGiven) {
+  Session session = makeSession();
+  EXPECT_FALSE(session.estimating());
+  EXPECT_FALSE(session.knowledge());
+  EXPECT_FALSE(session.lastPose());
+  EXPECT_EQ(session.wanderingTracks(), nullptr);
+  EXPECT_EQ(session.td(), rig().time_offset_prior.td);
+  ASSERT_TRUE(feed(&session, 0.2));
+  EXPECT_EQ(update_.state, VioState::kCalibratingTranslation);
+  EXPECT_FALSE(update_.odometry);
+  EXPECT_FALSE(update_.reason.empty());
+  EXPECT_TRUE(update_.calibration.T_imu_cam.translation.isApprox(data_->rig.T_imu_cam.translation));
+}
+
+TEST_F(SessionTest, PredictsTheCamerasRotation) {
+  Session session = makeSession();
+  ASSERT_TRUE(feed(&session, 7.0));
+  ASSERT_TRUE(session.estimating());
+  const std::size_t i = frame_ - 5, j = frame_ - 1;
+  const auto predicted = session.predictedRotation(data_->truth[i].stamp, data_->truth[j].stamp, imu_);
+  ASSERT_TRUE(predicted);
+  const Eigen::Quaterniond R_WCi = data_->truth[i].T_WB.rotation * data_->rig.T_imu_cam.rotation;
+  const Eigen::Quaterniond R_WCj = data_->truth[j].T_WB.rotation * data_->rig.T_imu_cam.rotation;
+  EXPECT_LT(R_WCi.conjugate().angularDistance(Eigen::Quaterniond(*predicted) * R_WCj.conjugate()),
+            0.3 * kDegree);
+  EXPECT_FALSE(session.predictedRotation(data_->truth[j].stamp, data_->truth[j].stamp + kNsPerSecond, imu_))
+      << "the IMU does not reach there";
+}
+
+TEST_F(SessionTest, TheOdometryBeginsWhereTheLastOneEnded) {
+  const Eigen::Quaterniond heading(Eigen::AngleAxisd(1.0, Eigen::Vector3d::UnitZ()));
+  const Transform start(heading, Eigen::Vector3d(3.0, -2.0, 1.0));
+  Session session = makeSession(start);
+  ASSERT_TRUE(feed(&session, 7.0));
+  ASSERT_TRUE(first_);
+  EXPECT_LT((first_->translation - start.translation).norm(), 1e-9);
+  const Eigen::Matrix3d turn = (first_->rotation * heading.conjugate()).toRotationMatrix();
+  EXPECT_NEAR(std::atan2(turn(1, 0) - turn(0, 1), turn(0, 0) + turn(1, 1)), 0.0, 1e-6) << "another heading";
+}
+
+TEST_F(SessionTest, WhatItKnowsOutlivesALossForWantOfData) {
+  Session session = makeSession();
+  ASSERT_TRUE(feed(&session, 6.0));
+  ASSERT_TRUE(session.knowledge());
+  const CalibrationKnowledge before = *session.knowledge();
+  const Transform pose = *session.lastPose();
+  EXPECT_GT(before.extrinsics.sigma_rotation, 0.0);
+  EXPECT_LT(before.extrinsics.sigma_rotation, 0.5 * kDegree);
+  EXPECT_LT(before.extrinsics.sigma_translation, 0.01);
+  EXPECT_FALSE(feed(&session, 8.0, 6.0)) << "no IMU samples after 6 s";
+  EXPECT_EQ(update_.state, VioState::kLost);
+  EXPECT_FALSE(update_.reason.empty());
+  ASSERT_TRUE(session.knowledge());
+  EXPECT_TRUE((session.knowledge()->extrinsics.T_imu_cam.translation.array() ==
+               before.extrinsics.T_imu_cam.translation.array())
+                  .all());
+  EXPECT_LT((session.lastPose()->translation - pose.translation).norm(), 0.5);
+}
+
+TEST_F(SessionTest, HeldExtrinsicsAreFrozenAndReleasedOnesEstimated) {
+  Session session = makeSession();
+  session.hold(true, true, false);
+  ASSERT_TRUE(feed(&session, 6.0));
+  EXPECT_EQ(update_.state, VioState::kFrozen);
+  EXPECT_TRUE(update_.calibration.T_imu_cam.translation.isApprox(data_->rig.T_imu_cam.translation, 0.0));
+  session.hold(false, false, false);
+  ASSERT_TRUE(feed(&session, 7.8)) << update_.reason;
+  EXPECT_NE(update_.state, VioState::kFrozen);
+  EXPECT_FALSE(update_.calibration.T_imu_cam.translation.isApprox(data_->rig.T_imu_cam.translation, 0.0));
+}
+
+}  // namespace
+}  // namespace autocal_vio
