@@ -143,7 +143,8 @@ TEST(ImuFaults, ClockGoingForwardByAnHourIsOneLoss) {
 // From nothing, with every IMU sample changed: nothing is claimed and the fault is named.
 std::string reasonWith(const std::function<void(ImuSample*)>& change) {
   Stream stream = eurocStream(7, 15.0);
-  stream.changeImu([&change](double, ImuSample* sample) { change(sample); });
+  for (StreamEvent& event : stream.events())
+    if (event.isImu()) change(&event.imu());
   const FaultRun run = runStream(stream, stream.data().rig.rig, VioOptions());
   EXPECT_FALSE(run.firstFrom(0.0, true)) << "odometry at " << run.firstFrom(0.0, true)->time << " s";
   return run.last().update.reason;
