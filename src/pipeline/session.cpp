@@ -142,7 +142,8 @@ void Session::checkPrior() {
     return;
   }
   estimator_->dropCalibrationPrior();
-  inflation_ = SigmaInflation(options_.estimator.sigma_inflation);  // the steps away from the prior say nothing
+  inflation_ =
+      SigmaInflation(options_.estimator.sigma_inflation);  // the steps away from the prior say nothing
 }
 
 void Session::remark(VioUpdate* update) const {

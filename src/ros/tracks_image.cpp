@@ -11,8 +11,8 @@
 namespace autocal_vio {
 namespace {
 
-constexpr std::size_t kRemembered = 24;  // images; more than the queue usually holds
-constexpr int kOldAge = 20;              // images after which a track is drawn fully red
+constexpr std::size_t kRemembered = 100;  // images; as many as the queue holds
+constexpr int kOldAge = 20;               // images after which a track is drawn fully red
 
 }  // namespace
 

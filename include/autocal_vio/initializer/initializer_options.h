@@ -7,7 +7,7 @@ struct InitializerOptions {
   int max_keyframes = 30;
   int min_keyframes = 8;
   double attempt_interval = 0.5;
-  double max_sigma_scale = 0.05;
+  double max_sigma_scale = 0.06;
 
   template <class Visitor>
   void visitFields(Visitor&& visit) {

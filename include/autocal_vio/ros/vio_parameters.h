@@ -24,7 +24,7 @@ struct VioParameters {
   bool publish_diagnostics = true;  ///< ~publish_diagnostics
 
   double max_image_rate = 30.0;  ///< ~max_image_rate: of faster cameras some images are left out [Hz]
-  int queue_size = 40;           ///< ~queue_size: images waiting at most [-]
+  int queue_size = 100;          ///< ~queue_size: images waiting at most [-]
   int path_length = 3000;        ///< ~path_length: poses in ~path at most [-]
 
   std::vector<std::string> remarks;  ///< to be logged: unknown parameters, notes of the rig file's reader
