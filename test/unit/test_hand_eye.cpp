@@ -187,6 +187,53 @@ TEST(GyroscopeBias, IsExactOnExactData) {
   }
 }
 
+// Root mean square errors over seeds of noisy pairs; R_BC is known to the bias step and found by the others.
+struct NoisyErrors {
+  double rotation_deg = 0.0, bias = 0.0, joint_rotation_deg = 0.0, joint_bias = 0.0;
+};
+
+NoisyErrors noisyErrors(int pairs) {
+  constexpr int kSeeds = 20;
+  PairSetup setup;
+  setup.pairs = pairs;
+  setup.sigma_camera = 0.003;
+  setup.gyro_noise = 2e-4;
+  NoisyErrors sums;
+  for (unsigned seed = 1; seed <= kSeeds; ++seed) {
+    setup.bias.setZero();
+    const Data unbiased = makeData(setup, seed);
+    setup.bias = Vector3d(0.05, -0.08, 0.03);
+    const Data data = makeData(setup, seed);
+    const auto rotation = handEyeRotation(unbiased.pairs, Vector3d::Zero(), std::nullopt, kThreshold);
+    const auto bias = gyroscopeBias(data.pairs, data.R_BC, kThreshold);
+    const auto joint = alternateHandEye(data.pairs, kThreshold, 0.0);
+    EXPECT_TRUE(rotation && bias && joint) << seed;
+    if (!rotation || !bias || !joint) continue;
+    sums.rotation_deg += std::pow(errorOf(rotation->R_BC, unbiased) / kDegree, 2) / kSeeds;
+    sums.bias += (*bias - setup.bias).squaredNorm() / kSeeds;
+    sums.joint_rotation_deg += std::pow(errorOf(joint->R_BC, data) / kDegree, 2) / kSeeds;
+    sums.joint_bias += (joint->gyroscope_bias - setup.bias).squaredNorm() / kSeeds;
+  }
+  return {std::sqrt(sums.rotation_deg), std::sqrt(sums.bias), std::sqrt(sums.joint_rotation_deg),
+          std::sqrt(sums.joint_bias)};
+}
+
+TEST(LinearSteps, NoisyPairsGiveSmallErrorsThatShrinkWithTheirNumber) {
+  const NoisyErrors few = noisyErrors(60), many = noisyErrors(240);
+  for (const NoisyErrors& e : {few, many})
+    std::printf("rotation %.3f deg; bias %.5f rad/s; alternating %.3f deg, %.5f rad/s\n", e.rotation_deg,
+                e.bias, e.joint_rotation_deg, e.joint_bias);
+  // 0.003 rad on pairs of 0.3 s: each tells the bias to 0.01 rad/s per axis.
+  EXPECT_LT(few.bias, 2.0 * 0.01 * std::sqrt(3.0 / 60.0));
+  EXPECT_LT(few.rotation_deg, 0.4);
+  EXPECT_LT(few.joint_rotation_deg, 0.5);
+  EXPECT_LT(few.joint_bias, 0.005);
+  // Four times the pairs, half the error.
+  EXPECT_LT(many.rotation_deg, 0.75 * few.rotation_deg);
+  EXPECT_LT(many.bias, 0.75 * few.bias);
+  EXPECT_LT(many.joint_rotation_deg, 0.75 * few.joint_rotation_deg);
+}
+
 TEST(GyroIntegration, MatchesTheTruthAndItsJacobian) {
   PairSetup setup;
   setup.td = 0.02;

@@ -278,6 +278,35 @@ Spread monteCarlo(bool weighted, int seeds) {
   return spread;
 }
 
+TEST(ApproximateAlignment, NoiseGivesSmallErrorsInProportion) {
+  double scale[2] = {0.0, 0.0}, gravity[2] = {0.0, 0.0}, translation[2] = {0.0, 0.0};
+  constexpr int kSeeds = 40;
+  for (int level = 0; level < 2; ++level) {
+    for (int seed = 0; seed < kSeeds; ++seed) {
+      SceneOptions options;
+      options.seed = 300 + seed;
+      options.imu_noise = true;
+      options.sigma_position = level == 0 ? 1e-4 : 4e-4;
+      const Scene scene = makeScene(options);
+      const ApproximateAlignment result = approximateScaleGravityTranslation(scene.input());
+      ASSERT_TRUE(result.ok()) << seed << ": " << result.failure;
+      scale[level] += std::pow(result.scale / options.scale - 1.0, 2) / kSeeds;
+      gravity[level] += (result.g_V - scene.g_V).squaredNorm() / kSeeds;
+      translation[level] += (result.p_BC - options.p_BC).squaredNorm() / kSeeds;
+    }
+    std::printf("structure noise %.0e: scale %.4f, gravity %.4f m/s^2, translation %.4f m (RMS)\n",
+                level == 0 ? 1e-4 : 4e-4, std::sqrt(scale[level]), std::sqrt(gravity[level]),
+                std::sqrt(translation[level]));
+  }
+  EXPECT_LT(std::sqrt(scale[0]), 0.002);
+  EXPECT_LT(std::sqrt(gravity[0]), 0.01);
+  EXPECT_LT(std::sqrt(translation[0]), 0.01);
+  for (const double* variance : {scale, translation}) {
+    EXPECT_GT(variance[1], 4.0 * variance[0]);
+    EXPECT_LT(variance[1], 25.0 * variance[0]) << "four times the noise";
+  }
+}
+
 TEST(Refinement, WeightedIsConsistentAndBetterThanPlain) {
   const int seeds = 60;
   const Spread plain = monteCarlo(false, seeds), weighted = monteCarlo(true, seeds);
