@@ -153,28 +153,52 @@ TEST_F(RoomRendererTest, ImagesAreWellExposed) {
   }
 }
 
-// Other programs make CPU time longer, too, by what they take of the core: the best of a few rounds counts.
+// How long a fixed amount of work like the renderer's (floats, integers, scattered reads, none waiting for the
+// one before) takes here and now [ms]: what the other hyper-thread and the clock make of the core at the moment.
+double yardstickMs() {
+  constexpr unsigned kSize = 1U << 20;
+  static const std::vector<std::uint8_t> table(kSize, 1);
+  const double start = threadCpuMs();
+  unsigned sum = 0;
+  for (unsigned i = 0; i < 400000; ++i) {
+    const float depth = 1.0F / (1.0F + static_cast<float>(i & 1023U));
+    const unsigned u = static_cast<unsigned>(1e6F * depth) + 3U * i, v = (i >> 10) * 1024U;
+    const unsigned at = (v + u) & (kSize - 2U), below = (at + 1024U) & (kSize - 2U), weight = u & 255U;
+    sum += (table[at] * (256U - weight) + table[at + 1U] * weight) * (v & 255U) +
+           (table[below] * (256U - weight) + table[below + 1U] * weight) * (256U - (v & 255U));
+  }
+  EXPECT_GT(sum, 0U);
+  return threadCpuMs() - start;
+}
+
+// Less than 25 ms on one core of a 2.5 GHz machine that does nothing else, where the yardstick takes 2.4 ms. On a
+// slower or a busy core both take longer, hence their ratio; the best of a few rounds counts.
 TEST_F(RoomRendererTest, ImagesAreFastToRender) {
 #ifdef AUTOCAL_VIO_OPTIMIZED
-  constexpr double kLimitMs = 25.0;
+  constexpr double kLimitMs = 25.0, kYardstickMs = 2.4;
 #else
-  constexpr double kLimitMs = 1e6;
+  constexpr double kLimitMs = 1e6, kYardstickMs = 2.4;
 #endif
-  double best = 1e9;
-  for (int round = 0; round < 6 && best >= kLimitMs; ++round) {
-    std::vector<double> milliseconds;
+  double best_ms = 1e9, best_ratio = 1e9;
+  for (int round = 0; round < 6 && best_ratio * kYardstickMs >= kLimitMs; ++round) {
+    std::vector<double> render_ms, yardstick_ms;
     for (double t = 2.0; t < 50.0; t += 2.0) {
       const Transform T_WC = cameraPose(t);
+      yardstick_ms.push_back(yardstickMs());
       const double start = threadCpuMs();
       render(T_WC);
-      milliseconds.push_back(threadCpuMs() - start);
+      render_ms.push_back(threadCpuMs() - start);
     }
-    std::sort(milliseconds.begin(), milliseconds.end());
-    best = std::min(best, milliseconds[milliseconds.size() / 2]);
+    std::sort(render_ms.begin(), render_ms.end());
+    std::sort(yardstick_ms.begin(), yardstick_ms.end());
+    const std::size_t middle = render_ms.size() / 2;
+    best_ms = std::min(best_ms, render_ms[middle]);
+    best_ratio = std::min(best_ratio, render_ms[middle] / yardstick_ms[middle]);
   }
-  RecordProperty("render_ms", std::to_string(best));
-  std::cout << "rendering 752x480: " << best << " ms of CPU, median\n";
-  EXPECT_LT(best, kLimitMs);
+  RecordProperty("render_ms", std::to_string(best_ms));
+  std::cout << "rendering 752x480: " << best_ms << " ms of CPU, median; " << best_ratio
+            << " times the yardstick\n";
+  EXPECT_LT(best_ratio * kYardstickMs, kLimitMs);
 }
 
 TEST_F(RoomRendererTest, FisheyeCamerasAreRenderedToo) {
