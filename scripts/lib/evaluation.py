@@ -201,12 +201,14 @@ def score_extrinsics(extrinsics, truth, start=None, rotation_deg=0.5, position_m
     outside = np.flatnonzero((degrees > rotation_deg) | (metres > position_m))
     settled = outside[-1] + 1 if len(outside) else 0
     said = [i for i, state in enumerate(extrinsics.states) if state == 'converged']
+    rotation_sigmas = np.max(np.abs(rotation) / np.maximum(extrinsics.sigma_rotations, 1e-12), axis=1)
+    position_sigmas = np.max(np.abs(position) / np.maximum(extrinsics.sigma_positions, 1e-12), axis=1)
     out = {
         'rotation_deg': float(degrees[-1]),
         'translation_m': float(metres[-1]),
         'td_ms': float(1e3 * (extrinsics.td[-1] - td)),
-        'rotation_sigmas': float(np.max(np.abs(rotation[-1]) / np.maximum(extrinsics.sigma_rotations[-1], 1e-12))),
-        'translation_sigmas': float(np.max(np.abs(position[-1]) / np.maximum(extrinsics.sigma_positions[-1], 1e-12))),
+        'rotation_sigmas': float(rotation_sigmas[-1]),
+        'translation_sigmas': float(position_sigmas[-1]),
         'within_bounds_s': float(extrinsics.stamps[settled] - start) if settled < len(extrinsics) else None,
         'says_converged_s': float(extrinsics.stamps[said[0]] - start) if said else None,
         'final_state': extrinsics.states[-1],
@@ -214,4 +216,10 @@ def score_extrinsics(extrinsics, truth, start=None, rotation_deg=0.5, position_m
     if said:
         out['rotation_when_converged_deg'] = float(degrees[said[0]])
         out['translation_when_converged_m'] = float(metres[said[0]])
+        out['rotation_sigmas_when_converged'] = float(rotation_sigmas[said[0]])
+        out['translation_sigmas_when_converged'] = float(position_sigmas[said[0]])
+        # Of the six axes, the share whose error then was within three sigmas.
+        out['within_3_sigma_when_converged'] = float(np.mean(np.abs(np.concatenate(
+            [position[said[0]] / np.maximum(extrinsics.sigma_positions[said[0]], 1e-12),
+             rotation[said[0]] / np.maximum(extrinsics.sigma_rotations[said[0]], 1e-12)])) <= 3.0))
     return out
