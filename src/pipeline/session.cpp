@@ -65,6 +65,7 @@ Session::Session(double focal_length, const RigModel& rig, const VioOptions& opt
       last_pose_(start_pose),
       extrinsic_covariance_(Matrix6d::Identity() * kUnknownSigma * kUnknownSigma),
       sigma_td_(rig.time_offset_prior.sigma_td),
+      rotation_floor_(options.estimator.image_accuracy / focal_length),
       prior_(rig.extrinsics_prior) {
   initializer_ = std::make_unique<CalibratingInitializer>(
       focal_length, rig.imu_noise, rig.extrinsics_prior, rig.time_offset_prior, options.initializer,
@@ -174,7 +175,9 @@ void Session::updateCalibrationCovariance(bool keyframe, TimeNs stamp) {
                         td = covariance.block(kTimeOffsetKey);
   const double variance_factor = inflation * inflation;
   if (pp.size()) extrinsic_covariance_.topLeftCorner<3, 3>() = variance_factor * pp;
-  if (tt.size()) extrinsic_covariance_.bottomRightCorner<3, 3>() = variance_factor * tt;
+  if (tt.size())
+    extrinsic_covariance_.bottomRightCorner<3, 3>() =
+        variance_factor * tt + rotation_floor_ * rotation_floor_ * Eigen::Matrix3d::Identity();
   extrinsic_covariance_.topRightCorner<3, 3>().setZero();
   if (pt.size()) extrinsic_covariance_.topRightCorner<3, 3>() = variance_factor * pt;
   extrinsic_covariance_.bottomLeftCorner<3, 3>() = extrinsic_covariance_.topRightCorner<3, 3>().transpose();

@@ -355,7 +355,7 @@ TEST(InitializerMonteCarlo, Realistic) {
   EXPECT_GE(shareWithin3Sigma(outcomes, later), fullTable() ? 0.95 : 0.8);
   const std::vector<Outcome> claims = claimed(outcomes);
   if (!fullTable()) return;  // it takes longer
-  ASSERT_GE(claims.size(), 0.9 * static_cast<double>(outcomes.size()));
+  ASSERT_GE(claims.size(), 0.8 * static_cast<double>(outcomes.size()));
   EXPECT_LT(quantile(claims, 0.95, [](const Outcome& o) { return o.at_claim.rotationDeg(); }), 0.3);
   EXPECT_LT(quantile(claims, 0.95, [](const Outcome& o) { return o.at_claim.translation(); }), 0.02);
   EXPECT_GE(shareWithin3Sigma(claims, atClaim), 0.95);

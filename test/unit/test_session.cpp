@@ -132,5 +132,22 @@ TEST_F(SessionTest, HeldExtrinsicsAreFrozenAndReleasedOnesEstimated) {
   EXPECT_FALSE(update_.calibration.T_imu_cam.translation.isApprox(data_->rig.T_imu_cam.translation, 0.0));
 }
 
+TEST_F(SessionTest, TheRotationIsNeverKnownBetterThanTheImagesAre) {
+  const double focal_length = CameraModel(*data_->rig.rig.camera).focalLength();
+  const auto leastSigma = [&](double image_accuracy) {
+    VioOptions options;
+    options.estimator.image_accuracy = image_accuracy;
+    Session session(focal_length, rig(), options, std::nullopt);
+    frame_ = sample_ = 0;
+    imu_ = ImuBuffer(30 * kNsPerSecond);
+    EXPECT_TRUE(feed(&session, 7.0));
+    EXPECT_TRUE(session.estimating());
+    return std::sqrt(update_.calibration.covariance.diagonal().tail<3>().minCoeff());
+  };
+  const double floor = 2.0 / focal_length, without = leastSigma(0.0), with = leastSigma(2.0);
+  EXPECT_LT(without, floor);
+  EXPECT_NEAR(with, std::hypot(without, floor), 1e-9);
+}
+
 }  // namespace
 }  // namespace autocal_vio

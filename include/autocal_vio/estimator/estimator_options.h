@@ -10,7 +10,8 @@ struct EstimatorOptions {
   double pixel_sigma = 1.0;
   double huber_threshold = 1.5;
   double gravity_magnitude = 9.81;
-  double sigma_inflation = 1.2;
+  double sigma_inflation = 1.1;
+  double image_accuracy = 0.1;
   double max_blind_time = 10.0;
   double max_position_drift = 1.0;
 
@@ -29,6 +30,9 @@ struct EstimatorOptions {
     visit("sigma_inflation", sigma_inflation, 1, 20,
           "published sigmas over those of white noise, at least; grows up to 4 times with the estimate's "
           "steps [-]");
+    visit("image_accuracy", image_accuracy, 0, 10,
+          "error of lens model and images that no averaging takes away: least sigma of R_BC times the focal "
+          "length [px]");
     visit("max_blind_time", max_blind_time, 0.5, 60, "lost after this time without usable images [s]");
     visit("max_position_drift", max_position_drift, 0.05, 100,
           "lost once the sigma of the position has grown by this without usable images [m]");

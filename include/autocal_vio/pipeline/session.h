@@ -78,6 +78,7 @@ class Session {
   // As published; parts that are held keep the uncertainty they had before.
   Matrix6d extrinsic_covariance_;
   double sigma_td_;
+  double rotation_floor_;  ///< sigma of R_BC that measuring longer does not improve [rad]
   std::optional<CalibrationEstimate> last_calibration_;  ///< of the last sound estimate
   std::optional<CalibrationKnowledge> current_,
       converged_;  ///< of the last sound one; of the last converged one
