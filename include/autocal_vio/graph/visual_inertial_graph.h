@@ -23,7 +23,7 @@ struct GraphOptions {
   double huber_threshold = 1.5;     ///< of a whitened reprojection residual's norm [-]
   double gravity_magnitude = 9.81;  ///< [m/s^2]
   int shortest_landmark = 8;        ///< observations
-  int longest_landmark = 14;         ///< observations
+  int longest_landmark = 14;        ///< observations
 };
 
 /// Gaussian prior on the calibration, kept for as long as the graph lives.
