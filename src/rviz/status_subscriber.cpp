@@ -1,0 +1,60 @@
+#include "autocal_vio/rviz/status_subscriber.h"
+
+#include <utility>
+
+namespace autocal_vio {
+namespace {
+
+constexpr std::size_t kMostWaiting = 10000;
+constexpr std::size_t kMostTruthWaiting = 200;
+constexpr std::uint32_t kQueue = 200;
+
+}  // namespace
+
+StatusSubscriber::StatusSubscriber(const std::string& nodelet, const std::string& simulated_rig)
+    : spinner_(1, &callbacks_) {
+  nh_.setCallbackQueue(&callbacks_);
+  status_ = nh_.subscribe(nodelet + "/calibration_status", kQueue, &StatusSubscriber::receiveStatus, this,
+                          ros::TransportHints().tcpNoDelay());
+  if (!simulated_rig.empty()) {
+    truth_ =
+        nh_.subscribe(simulated_rig + "/truth_extrinsics", kQueue, &StatusSubscriber::receiveTruth, this);
+    time_offset_ = nh_.subscribe(simulated_rig + "/truth_time_offset", kQueue,
+                                 &StatusSubscriber::receiveTimeOffset, this);
+  }
+  spinner_.start();
+}
+
+StatusSubscriber::~StatusSubscriber() {
+  spinner_.stop();
+  status_.shutdown();
+  truth_.shutdown();
+  time_offset_.shutdown();
+}
+
+StatusBatch StatusSubscriber::take() {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return std::exchange(waiting_, StatusBatch());
+}
+
+void StatusSubscriber::receiveStatus(const CalibrationStatus::ConstPtr& message) {
+  StatusSample sample = toSample(*message);
+  const std::lock_guard<std::mutex> lock(mutex_);
+  waiting_.latest = message;
+  waiting_.samples.push_back(std::move(sample));
+  if (waiting_.samples.size() > kMostWaiting) waiting_.samples.pop_front();
+}
+
+void StatusSubscriber::receiveTruth(const geometry_msgs::PoseStamped::ConstPtr& message) {
+  const TruthStep step{static_cast<TimeNs>(message->header.stamp.toNSec()),
+                       extrinsicsChannels(message->pose)};
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (waiting_.truth.size() < kMostTruthWaiting) waiting_.truth.push_back(step);
+}
+
+void StatusSubscriber::receiveTimeOffset(const std_msgs::Float64::ConstPtr& message) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  waiting_.true_time_offset = 1e3 * message->data;
+}
+
+}  // namespace autocal_vio

@@ -1,0 +1,190 @@
+// The panel without rviz and without ROS, on Qt's offscreen platform: an hour of messages, and its settings.
+#include <gtest/gtest.h>
+#include <rviz/config.h>
+#include <time.h>
+#include <unistd.h>
+
+#include <QApplication>
+#include <algorithm>
+#include <cstdio>
+#include <fstream>
+#include <iostream>
+#include <vector>
+
+#include "autocal_vio/rviz/autocal_panel.h"
+#include "autocal_vio/rviz/convergence_plots.h"
+#include "autocal_vio/rviz/service_caller.h"
+#include "autocal_vio/rviz/status_view.h"
+#include "example_status.h"
+
+namespace autocal_vio {
+namespace {
+
+constexpr std::uint64_t kHour = 72000;  // images at 20 Hz
+
+double cpuMilliseconds() {
+  timespec now;
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+  return 1e3 * static_cast<double>(now.tv_sec) + 1e-6 * static_cast<double>(now.tv_nsec);
+}
+
+double residentMegabytes() {
+  std::ifstream file("/proc/self/statm");
+  double total = 0.0, resident = 0.0;
+  file >> total >> resident;
+  return resident * static_cast<double>(sysconf(_SC_PAGESIZE)) / 1048576.0;
+}
+
+StatusBatch batchOf(std::uint64_t first, std::uint64_t last) {
+  StatusBatch batch;
+  for (std::uint64_t image = first; image <= last; ++image) {
+    const CalibrationStatus status = exampleStatus(image);
+    batch.samples.push_back(toSample(status));
+    if (image == last) batch.latest = CalibrationStatus::ConstPtr(new CalibrationStatus(status));
+  }
+  return batch;
+}
+
+/// Draws, and lets Qt paint.
+void redraw(AutocalPanel* panel) {
+  panel->refresh();
+  QApplication::processEvents();
+}
+
+class AutocalPanelTest : public testing::Test {
+ protected:
+  AutocalPanelTest() {
+    panel_.resize(620, 900);
+    panel_.show();
+    QApplication::processEvents();
+  }
+
+  ConvergencePlots* plots() { return panel_.findChild<ConvergencePlots*>(); }
+
+  AutocalPanel panel_;
+};
+
+TEST_F(AutocalPanelTest, AnHourOfMessagesAtSpeed) {
+  StatusBatch truth;
+  truth.truth.push_back({fromSeconds(1000.0), {90.0, 0.0, 0.0, 1.0, 2.0, 3.0}});
+  truth.true_time_offset = 4.0;
+  panel_.take(truth);
+  panel_.take(batchOf(1, 20));
+  redraw(&panel_);
+  const double memory_before = residentMegabytes();
+  std::vector<double> times;
+  constexpr std::uint64_t kStep = 100;
+  for (std::uint64_t image = 21; image <= kHour; image += kStep) {
+    panel_.take(batchOf(image, std::min(kHour, image + kStep - 1)));
+    plots()->setCurrentIndex(static_cast<int>(image / kStep / 10 % 2));  // each tab ten times running
+    QApplication::processEvents();
+    const double start = cpuMilliseconds();
+    redraw(&panel_);
+    times.push_back(cpuMilliseconds() - start);
+  }
+  const double growth = residentMegabytes() - memory_before;
+  std::sort(times.begin(), times.end());
+  std::printf("%zu redraws: CPU time median %.1f ms, 99 %% %.1f ms, worst %.1f ms; memory grew by %.1f MB\n",
+              times.size(), times[times.size() / 2], times[times.size() * 99 / 100], times.back(), growth);
+  EXPECT_EQ(panel_.history().end() - panel_.history().begin(), fromSeconds(0.05 * (kHour - 1)));
+  EXPECT_LT(growth, 100.0);
+#ifdef AUTOCAL_VIO_OPTIMIZED
+  EXPECT_LT(times[times.size() / 2], 20.0);
+  EXPECT_LT(times[times.size() * 99 / 100], 40.0);
+#endif
+}
+
+TEST_F(AutocalPanelTest, ShowsStateReasonAndAdvice) {
+  StatusView* view = panel_.findChild<StatusView*>();
+  ASSERT_NE(view, nullptr);
+  panel_.take(batchOf(1, 10));
+  EXPECT_EQ(view->stateText(), "calibrating rotation");
+  EXPECT_EQ(view->reasonText(), "the image was processed");
+  EXPECT_TRUE(view->adviceText().contains("rotate about the camera's x axis"));
+  panel_.take(batchOf(11, 500));
+  EXPECT_EQ(view->stateText(), "converged");
+  EXPECT_TRUE(view->adviceText().isEmpty());
+}
+
+// A curve is where it belongs: with a value in the middle of the axis, blue pixels there; none before there is data.
+TEST_F(AutocalPanelTest, CurvesAreDrawn) {
+  const auto bluePixels = [this] {
+    const QImage image = plots()->grab().toImage();
+    int count = 0;
+    for (int y = 0; y < image.height(); ++y) {
+      for (int x = 0; x < image.width(); ++x) {
+        const QColor colour = image.pixelColor(x, y);
+        count += colour.blue() > 150 && colour.red() < 80 && colour.green() < 140;
+      }
+    }
+    return count;
+  };
+  redraw(&panel_);
+  EXPECT_LT(bluePixels(), 20);
+  panel_.take(batchOf(1, 600));
+  redraw(&panel_);
+  EXPECT_GT(bluePixels(), 7 * 100) << "seven curves";
+}
+
+TEST_F(AutocalPanelTest, ConfigSurvivesSaveAndLoad) {
+  rviz::Config changed;
+  const PanelSettings expected{"/robot/vio", "", "/data/camchain.yaml", "/data/robot.urdf", true, false, true,
+                               60,           1};
+  saveSettings(expected, changed);
+  panel_.load(changed);
+  rviz::Config saved;
+  panel_.save(saved);
+  AutocalPanel other;
+  other.load(saved);
+  const PanelSettings settings = other.settings();
+  EXPECT_EQ(settings.nodelet, expected.nodelet);
+  EXPECT_EQ(settings.simulated_rig, expected.simulated_rig);
+  EXPECT_EQ(settings.camchain_path, expected.camchain_path);
+  EXPECT_EQ(settings.urdf_path, expected.urdf_path);
+  EXPECT_EQ(settings.freeze_rotation, expected.freeze_rotation);
+  EXPECT_EQ(settings.freeze_translation, expected.freeze_translation);
+  EXPECT_EQ(settings.freeze_time_offset, expected.freeze_time_offset);
+  EXPECT_EQ(settings.time_window, expected.time_window);
+  EXPECT_EQ(settings.page, expected.page);
+  // An empty config, such as that of a panel just added, changes nothing.
+  other.load(rviz::Config());
+  EXPECT_EQ(other.settings().nodelet, expected.nodelet);
+}
+
+TEST(ServiceCaller, OneCallAtATimeAndItsAnswerOnce) {
+  ServiceCaller caller;
+  std::mutex gate;
+  gate.lock();
+  ASSERT_TRUE(caller.start([&gate] {
+    const std::lock_guard<std::mutex> lock(gate);
+    return ServiceAnswer{true, "done"};
+  }));
+  EXPECT_TRUE(caller.busy());
+  EXPECT_FALSE(caller.start([] { return ServiceAnswer(); }));
+  EXPECT_FALSE(caller.takeAnswer());
+  gate.unlock();
+  std::optional<ServiceAnswer> answer;
+  for (int i = 0; i < 1000 && !answer; ++i) {
+    usleep(10000);
+    answer = caller.takeAnswer();
+  }
+  ASSERT_TRUE(answer);
+  EXPECT_TRUE(answer->success);
+  EXPECT_EQ(answer->message, "done");
+  EXPECT_FALSE(caller.busy());
+  EXPECT_FALSE(caller.takeAnswer());
+  ASSERT_TRUE(caller.start([]() -> ServiceAnswer { throw std::runtime_error("the name is invalid"); }));
+  for (answer.reset(); !answer; answer = caller.takeAnswer()) usleep(1000);
+  EXPECT_FALSE(answer->success);
+  EXPECT_EQ(answer->message, "the name is invalid");
+}
+
+}  // namespace
+}  // namespace autocal_vio
+
+int main(int argc, char** argv) {
+  setenv("QT_QPA_PLATFORM", "offscreen", 0);
+  testing::InitGoogleTest(&argc, argv);
+  QApplication application(argc, argv);
+  return RUN_ALL_TESTS();
+}
