@@ -1,5 +1,6 @@
 #include "autocal_vio/rviz/calibration_plot.h"
 
+#include <qwt_plot.h>
 #include <qwt_plot_canvas.h>
 #include <qwt_plot_curve.h>
 #include <qwt_plot_grid.h>
@@ -9,17 +10,19 @@
 #include <qwt_scale_widget.h>
 #include <qwt_text.h>
 
+#include <QVBoxLayout>
 #include <cmath>
 #include <utility>
 
 #include "autocal_vio/rviz/banded_curve.h"
 #include "autocal_vio/rviz/plot_scales.h"
+#include "autocal_vio/rviz/plot_title.h"
 #include "autocal_vio/rviz/state_strip.h"
 
 namespace autocal_vio {
 namespace {
 
-constexpr int kTitlePoints = 9, kTickPoints = 7;
+constexpr int kTickPoints = 7;
 constexpr int kValueAxisWidth = 38;  // so that plots below each other are aligned [px]
 constexpr int kPixelsPerTick = 55;   // on the time axis
 constexpr double kShortest = 5.0;    // that a time axis shows [s]
@@ -39,65 +42,86 @@ QFont plainFont(int points) {
 }  // namespace
 
 CalibrationPlot::CalibrationPlot(PlotSpec spec, QWidget* parent)
-    : QwtPlot(parent), spec_(std::move(spec)), strip_(new StateStrip) {
-  setAutoReplot(false);
+    : QWidget(parent),
+      spec_(std::move(spec)),
+      title_(new PlotTitle(this)),
+      plot_(new QwtPlot(this)),
+      strip_(new StateStrip) {
+  auto* column = new QVBoxLayout(this);
+  column->setContentsMargins(0, 0, 0, 0);
+  column->setSpacing(0);
+  column->addWidget(title_);
+  column->addWidget(plot_, 1);
   setToolTip(spec_.tool_tip);
-  setCanvasBackground(Qt::white);
-  static_cast<QwtPlotCanvas*>(canvas())->setFrameStyle(QFrame::NoFrame);
-  plotLayout()->setAlignCanvasToScales(true);
-  plotLayout()->setCanvasMargin(0);
-  plotLayout()->setSpacing(1);
-  setAxisScaleDraw(xBottom, new TimeScaleDraw);
-  setAxisMaxMajor(yLeft, 4);
-  setAxisMaxMinor(yLeft, 0);
-  axisScaleDraw(yLeft)->setMinimumExtent(kValueAxisWidth);
-  for (int axis : {static_cast<int>(xBottom), static_cast<int>(yLeft)}) {
-    setAxisFont(axis, plainFont(kTickPoints));
-    axisWidget(axis)->setMargin(0);
-    axisWidget(axis)->setSpacing(1);
-    axisScaleDraw(axis)->setTickLength(QwtScaleDiv::MajorTick, 3);
+  makeAxes();
+  makeCurves();
+  show(PlotView());
+}
+
+void CalibrationPlot::makeAxes() {
+  plot_->setMinimumSize(110, 50);
+  plot_->setCanvasBackground(Qt::white);
+  static_cast<QwtPlotCanvas*>(plot_->canvas())->setFrameStyle(QFrame::NoFrame);
+  plot_->plotLayout()->setAlignCanvasToScales(true);
+  plot_->plotLayout()->setCanvasMargin(0);
+  plot_->plotLayout()->setSpacing(1);
+  plot_->setAxisScaleDraw(QwtPlot::xBottom, new TimeScaleDraw);
+  plot_->setAxisScale(QwtPlot::xBottom, 0.0, kShortest);
+  plot_->setAxisMaxMajor(QwtPlot::yLeft, 4);
+  plot_->setAxisMaxMinor(QwtPlot::yLeft, 0);
+  plot_->axisScaleDraw(QwtPlot::yLeft)->setMinimumExtent(kValueAxisWidth);
+  for (int axis : {static_cast<int>(QwtPlot::xBottom), static_cast<int>(QwtPlot::yLeft)}) {
+    plot_->setAxisFont(axis, plainFont(kTickPoints));
+    plot_->axisWidget(axis)->setMargin(0);
+    plot_->axisWidget(axis)->setSpacing(1);
+    plot_->axisScaleDraw(axis)->setTickLength(QwtScaleDiv::MajorTick, 3);
   }
+}
+
+void CalibrationPlot::makeCurves() {
   auto* grid = new QwtPlotGrid;
+  grid->setZ(0.0);  // behind the curves
   grid->setMajorPen(QColor(228, 228, 228), 0.0);
-  grid->attach(this);
+  grid->attach(plot_);
   for (const PlotCurve& curve : spec_.curves) {
     curves_.push_back(new BandedCurve(curve.channel, curve.colour));
     curves_.back()->setZ(2.0);
-    curves_.back()->attach(this);
+    curves_.back()->attach(plot_);
     truths_.push_back(new QwtPlotCurve);
     truths_.back()->setPen(QColor(30, 30, 30), 1.2, Qt::DashLine);
     truths_.back()->setZ(3.0);
     truths_.back()->setItemAttribute(QwtPlotItem::AutoScale, false);
-    truths_.back()->attach(this);
+    truths_.back()->attach(plot_);
   }
-  strip_->attach(this);
-  setAxisScale(xBottom, 0.0, kShortest);
-  setTitle(QString());
-  show(PlotView());
+  strip_->attach(plot_);
 }
 
-QString CalibrationPlot::titleText(const StatusSample& latest) const {
-  QString text = "<b>" + spec_.title + "</b>";
-  if (spec_.curves.size() == 1) {
-    const Measured& now = latest.channels[spec_.curves.front().channel];
-    if (!std::isfinite(now.value)) return text + (spec_.unit.isEmpty() ? QString() : " [" + spec_.unit + "]");
-    text += " " + QString::number(now.value, 'f', spec_.decimals);
-    if (now.sigma > 0.0) text += " &plusmn; " + QString::number(3.0 * now.sigma, 'f', spec_.decimals);
-    return text + " " + spec_.unit;
+std::vector<TitlePart> CalibrationPlot::titleParts(const StatusSample& latest) const {
+  std::vector<TitlePart> parts{{spec_.title, true, QColor()}};
+  const QString unit = spec_.unit.isEmpty() ? QString() : " [" + spec_.unit + "]";
+  if (spec_.curves.size() > 1) {
+    parts.push_back({unit, false, QColor()});
+    for (const PlotCurve& curve : spec_.curves) parts.push_back({"  " + curve.name, true, curve.colour});
+    return parts;
   }
-  if (!spec_.unit.isEmpty()) text += " [" + spec_.unit + "]";
-  for (const PlotCurve& curve : spec_.curves)
-    text += " <font color=\"" + curve.colour.name() + "\"><b>" + curve.name + "</b></font>";
-  return text;
+  const Measured& now = latest.channels[spec_.curves.front().channel];
+  QString text = unit;
+  if (std::isfinite(now.value)) {
+    text = "  " + QString::number(now.value, 'f', spec_.decimals);
+    if (now.sigma > 0.0) text += " ± " + QString::number(3.0 * now.sigma, 'f', spec_.decimals);
+    text += " " + spec_.unit;
+  }
+  parts.push_back({text, false, QColor()});
+  return parts;
 }
 
 void CalibrationPlot::showTimeAxis(const PlotView& view, TimeNs zero) {
   const double begin = toSeconds(view.begin - zero);
   const double end = std::max(toSeconds(view.end - zero), begin + kShortest);
-  const double step = timeTickStep(end - begin, canvas()->width() / kPixelsPerTick);
+  const double step = timeTickStep(end - begin, plot_->canvas()->width() / kPixelsPerTick);
   QList<double> ticks;
   for (double tick = step * std::ceil(begin / step - 1e-9); tick <= end; tick += step) ticks << tick;
-  setAxisScaleDiv(xBottom, QwtScaleDiv(begin, end, QList<double>(), QList<double>(), ticks));
+  plot_->setAxisScaleDiv(QwtPlot::xBottom, QwtScaleDiv(begin, end, QList<double>(), QList<double>(), ticks));
 }
 
 // Gives back the values that the value axis must contain.
@@ -120,9 +144,7 @@ void CalibrationPlot::show(const PlotView& view) {
   const bool any = view.history && !view.history->empty();
   const StatusSample nothing;
   const StatusSample& latest = any ? view.history->latest() : nothing;
-  QwtText title(titleText(latest), QwtText::RichText);
-  title.setFont(plainFont(kTitlePoints));
-  setTitle(title);
+  title_->setParts(titleParts(latest));
   if (any) {
     const TimeNs zero = view.history->begin();
     showTimeAxis(view, zero);
@@ -132,14 +154,14 @@ void CalibrationPlot::show(const PlotView& view) {
       channels.push_back(curve->channel());
     }
     const ScaleRange range = settledRange(*view.columns, channels, showTruth(view, zero), spec_.least_span);
-    setAxisScale(yLeft, range.low, range.high);
+    plot_->setAxisScale(QwtPlot::yLeft, range.low, range.high);
     strip_->setChanges(&view.history->stateChanges(), zero, view.history->end());
   } else {
     for (BandedCurve* curve : curves_) curve->setColumns(nullptr, 0);
     for (QwtPlotCurve* truth : truths_) truth->setSamples(QVector<QPointF>());
     strip_->setChanges(nullptr, 0, 0);
   }
-  replot();
+  plot_->replot();
 }
 
 }  // namespace autocal_vio

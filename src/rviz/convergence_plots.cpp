@@ -9,7 +9,7 @@ namespace autocal_vio {
 namespace {
 
 constexpr std::array<int, 4> kTimeWindows{0, 600, 60, 20};  // [s]
-constexpr std::array<const char*, 4> kTimeWindowNames{"all", "last 10 min", "last minute", "last 20 s"};
+constexpr std::array<const char*, 4> kTimeWindowNames{"all", "10 min", "1 min", "20 s"};
 constexpr int kFewestColumns = 100, kMostColumns = 600;
 
 const QColor kRed(200, 50, 47), kGreen(45, 130, 55), kBlue(30, 95, 180), kViolet(130, 60, 150);
@@ -56,9 +56,8 @@ std::vector<PlotSpec> otherPlots() {
        {static_cast<Channel>(kSingularValue + 2), "s3", kGreen},
        {static_cast<Channel>(kSingularValue + 3), "s4", kRed}}};
   return {
-      vector("gyroscope bias", "°/s", kGyroscopeBias, 0.01, "Along the axes of the IMU. Shaded: 3 sigma."),
-      vector("accelerometer bias", "m/s²", kAccelerometerBias, 0.01,
-             "Along the axes of the IMU. Shaded: 3 sigma."),
+      vector("gyro bias", "°/s", kGyroscopeBias, 0.01, "Along the axes of the IMU. Shaded: 3 sigma."),
+      vector("accel. bias", "m/s²", kAccelerometerBias, 0.01, "Along the axes of the IMU. Shaded: 3 sigma."),
       single("scale", "m", kScale, 4, 0.01, "Metres per unit of the visual structure. Shaded: 3 sigma."),
       vector("gravity", "m/s²", kGravity, 0.1,
              "In the frame of the first keyframe's camera. Shaded: 3 sigma of its direction."),
@@ -69,10 +68,10 @@ std::vector<PlotSpec> otherPlots() {
 
 ConvergencePlots::ConvergencePlots(const StatusHistory* history, const TruthTrack* truth, QWidget* parent)
     : QTabWidget(parent), history_(history), truth_(truth), time_window_(new QComboBox(this)) {
-  addPage("Camera to IMU", extrinsicsPlots(), 6);
-  addPage("Biases, scale, gravity", otherPlots(), 4);
+  addPage("Extrinsics", extrinsicsPlots(), 6);
+  addPage("Biases, scale", otherPlots(), 4);
   for (const char* name : kTimeWindowNames) time_window_->addItem(name);
-  time_window_->setToolTip("Length of the time axis");
+  time_window_->setToolTip("Length of the time axis: the whole history, or the last part of it");
   setCornerWidget(time_window_);
   connect(this, &QTabWidget::currentChanged, this, [this] { refresh(); });
   connect(time_window_, QOverload<int>::of(&QComboBox::currentIndexChanged), this, [this] {

@@ -12,12 +12,20 @@ constexpr std::size_t kMostStateChanges = 500;
 constexpr double kTurn = 360.0;
 const char* const kLost = "lost";
 
-// std::fmin and fmax pass over what is not a number.
+// A number before what is not one. (std::fmin does the same, many times slower.)
+double smaller(double a, double b) {
+  return b < a || std::isnan(a) ? b : a;
+}
+
+double larger(double a, double b) {
+  return b > a || std::isnan(a) ? b : a;
+}
+
 void merge(const ChannelRange& from, ChannelRange* into) {
-  into->low = std::fmin(into->low, from.low);
-  into->high = std::fmax(into->high, from.high);
-  into->band_low = std::fmin(into->band_low, from.band_low);
-  into->band_high = std::fmax(into->band_high, from.band_high);
+  into->low = smaller(into->low, from.low);
+  into->high = larger(into->high, from.high);
+  into->band_low = smaller(into->band_low, from.band_low);
+  into->band_high = larger(into->band_high, from.band_high);
 }
 
 void merge(const HistoryBucket& from, HistoryBucket* into) {
@@ -113,6 +121,7 @@ std::vector<HistoryBucket> StatusHistory::columns(TimeNs begin, TimeNs end, std:
   std::vector<HistoryBucket> result;
   if (!any_ || end < begin || count == 0) return result;
   const double width = static_cast<double>(end - begin + 1) / static_cast<double>(count);
+  result.reserve(std::min(count + 1, bucketCount()));
   std::size_t column = 0;
   for (auto level = levels_.rbegin(); level != levels_.rend(); ++level) {
     auto bucket = std::lower_bound(level->begin(), level->end(), begin,

@@ -105,7 +105,7 @@ TEST(StatusHistory, AnHourInAFewThousandPointsWithEveryPeak) {
     const bool peak = std::find(peaks.begin(), peaks.end(), i) != peaks.end();
     history.add(sampleAt(i, peak ? 5.0 + static_cast<double>(i) : 0.0));
   }
-  EXPECT_LT(history.bucketCount(), 7000u);
+  EXPECT_LT(history.bucketCount(), 4500u);
   const std::vector<HistoryBucket> columns = all(history, 400);
   EXPECT_LE(columns.size(), 401u);
   EXPECT_GE(columns.size(), 380u);
@@ -121,9 +121,9 @@ TEST(StatusHistory, AnHourInAFewThousandPointsWithEveryPeak) {
   EXPECT_EQ(columns.front().begin, history.begin());
   EXPECT_EQ(columns.back().end, history.end());
   for (std::size_t i = 1; i < columns.size(); ++i) EXPECT_GT(columns[i].begin, columns[i - 1].end);
-  // The last minute is as fine as it came.
-  const auto recent = history.columns(history.end() - fromSeconds(30.0), history.end(), 100000);
-  EXPECT_NEAR(static_cast<double>(recent.size()), 601.0, 2.0);
+  // The last 20 s are as fine as it came.
+  const auto recent = history.columns(history.end() - fromSeconds(20.0), history.end(), 100000);
+  EXPECT_NEAR(static_cast<double>(recent.size()), 401.0, 2.0);
 }
 
 TEST(StatusHistory, MemoryIsBoundedForEver) {

@@ -1,21 +1,23 @@
 // One plot of the panel: curves of one unit with their 3-sigma bands, the truth dashed, the states along its foot.
 #pragma once
 
-#include <qwt_plot.h>
-
 #include <QColor>
 #include <QString>
+#include <QWidget>
 #include <vector>
 
 #include "autocal_vio/rviz/status_history.h"
 #include "autocal_vio/rviz/truth_track.h"
 
+class QwtPlot;
 class QwtPlotCurve;
 
 namespace autocal_vio {
 
 class BandedCurve;
+class PlotTitle;
 class StateStrip;
+struct TitlePart;
 
 struct PlotCurve {
   Channel channel = kYaw;
@@ -40,22 +42,24 @@ struct PlotView {
   TimeNs begin = 0, end = 0;  ///< of the time axis, which counts from the beginning of the history
 };
 
-class CalibrationPlot : public QwtPlot {
+class CalibrationPlot : public QWidget {
  public:
   CalibrationPlot(PlotSpec spec, QWidget* parent);
 
   void show(const PlotView& view);
   const PlotSpec& spec() const { return spec_; }
 
-  QSize minimumSizeHint() const override { return {120, 70}; }
-
  private:
-  QString titleText(const StatusSample& latest) const;
+  void makeAxes();
+  void makeCurves();
+  std::vector<TitlePart> titleParts(const StatusSample& latest) const;
   void showTimeAxis(const PlotView& view, TimeNs zero);
   std::vector<double> showTruth(const PlotView& view, TimeNs zero);
 
   const PlotSpec spec_;
-  // Owned by the plot they are attached to:
+  PlotTitle* title_;
+  QwtPlot* plot_;
+  // Owned by the plot that they are attached to:
   std::vector<BandedCurve*> curves_;
   std::vector<QwtPlotCurve*> truths_;
   StateStrip* strip_;

@@ -33,7 +33,7 @@ struct HistoryStateChange {
 /// coarser, and memory grows with the logarithm of time until the last level overflows and forgets its oldest.
 class StatusHistory {
  public:
-  explicit StatusHistory(std::size_t buckets_per_level = 800, std::size_t level_count = 14);
+  explicit StatusHistory(std::size_t buckets_per_level = 500, std::size_t level_count = 14);
 
   /// Takes what a message says of a new image; others (repeated while nothing comes) are left out. A new history begins
   /// when stamps or counts go back, and with a reset, unless the estimate was lost and starts again by itself.
