@@ -67,8 +67,10 @@ void CalibrationPlot::makeAxes() {
   plot_->plotLayout()->setSpacing(1);
   plot_->setAxisScaleDraw(QwtPlot::xBottom, new TimeScaleDraw);
   plot_->setAxisScale(QwtPlot::xBottom, 0.0, kShortest);
-  plot_->setAxisMaxMajor(QwtPlot::yLeft, 4);
+  plot_->setAxisScale(QwtPlot::yLeft, -1.0, 1.0);
+  plot_->setAxisMaxMajor(QwtPlot::yLeft, 5);
   plot_->setAxisMaxMinor(QwtPlot::yLeft, 0);
+  plot_->setAxisMaxMinor(QwtPlot::xBottom, 0);
   plot_->axisScaleDraw(QwtPlot::yLeft)->setMinimumExtent(kValueAxisWidth);
   for (int axis : {static_cast<int>(QwtPlot::xBottom), static_cast<int>(QwtPlot::yLeft)}) {
     plot_->setAxisFont(axis, plainFont(kTickPoints));

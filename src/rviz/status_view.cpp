@@ -8,7 +8,7 @@
 namespace autocal_vio {
 namespace {
 
-constexpr int kReasonLines = 2;
+constexpr int kLines = 2;
 
 QLabel* makeLabel(QWidget* parent) {
   auto* label = new QLabel(parent);
@@ -47,8 +47,8 @@ StatusView::StatusView(QWidget* parent)
   grid->addWidget(reason_, 1, 0, 1, 2);
   grid->addWidget(advice_, 2, 0, 1, 2);
   grid->setColumnStretch(1, 1);
-  makeSentence(reason_, kReasonLines);
-  makeSentence(advice_, 1);
+  makeSentence(reason_, kLines);
+  makeSentence(advice_, kLines);
   advice_->setStyleSheet("font-weight: bold; color: #a04000;");
   remark_->setAlignment(Qt::AlignRight | Qt::AlignVCenter);
   remark_->setMinimumWidth(20);
