@@ -102,6 +102,8 @@ EstimatorResult SlidingWindowEstimator::fail(const std::string& problem, bool di
 }
 
 EstimatorResult SlidingWindowEstimator::process(const FeatureFrame& frame, const ImuBuffer& imu) {
+  EstimatorResult result;
+  result.keyframe_finished = finishKeyframe();
   std::string problem = findLoss(frame.stamp);
   if (!problem.empty() || !appendPredictedFrame(frame, imu, noise_.noise(), &graph_, &problem))
     return fail(problem, false);
@@ -115,19 +117,26 @@ EstimatorResult SlidingWindowEstimator::process(const FeatureFrame& frame, const
   const bool sighted = newestIsTied();
   if (newest_is_keyframe_)
     graph_.dropOutliers(std::max(kMinOutlierPx, kOutlierSigmas * graph_.options().pixel_sigma));
-  if (newest_is_keyframe_ || !sighted) updateCovariance();
+  if (!sighted) updateCovariance();
   if (sighted) {
     last_sighted_ = frame.stamp;
     sighted_position_sigma_ = positionSigma();
   }
-  EstimatorResult result;
-  result.keyframe = newest_is_keyframe_;
-  if (!newest_is_keyframe_) return result;
+  keyframe_unfinished_ = newest_is_keyframe_;
+  return result;
+}
+
+// Nothing of it changes the newest pose, so it waits for the next image: the odometry is out sooner, and no image bears
+// the whole load of a keyframe.
+bool SlidingWindowEstimator::finishKeyframe() {
+  if (!keyframe_unfinished_) return false;
+  keyframe_unfinished_ = false;
+  updateCovariance();
   adaptNoise();
   adaptPixelSigma();
   graph_.landmarkMap().closeFullLandmarks();
   while (static_cast<int>(graph_.frames().size()) > options_.window_keyframes) graph_.marginalizeOldest();
-  return result;
+  return true;
 }
 
 // A singular problem leaves the covariance that was: none would read as perfect knowledge.

@@ -2,7 +2,9 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
+#include <array>
 #include <cmath>
+#include <stdexcept>
 #include <unordered_map>
 
 #include "autocal_vio/factors/manifolds.h"
@@ -13,25 +15,31 @@ namespace {
 using RowMajorX = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 using Offsets = std::unordered_map<const double*, int>;
 
+// Columns of an ambient Jacobian to columns of the tangent.
+template <class Ambient, class Tangent>
+void writeTangent(const Block& block, const Ambient& ambient, Tangent&& tangent) {
+  if (block.kind == BlockKind::kPose) {
+    const Eigen::Map<const Eigen::Quaterniond> q(block.data + 3);
+    tangent.template leftCols<3>() = ambient.template leftCols<3>();
+    tangent.template rightCols<3>().noalias() =
+        ambient.template rightCols<4>().lazyProduct(quaternionByRotation(q));
+  } else if (block.kind == BlockKind::kExtrinsicRotation) {
+    const Eigen::Map<const Eigen::Quaterniond> q(block.data);
+    tangent.noalias() = ambient.lazyProduct(quaternionByRotation(q));
+  } else {
+    tangent = ambient;
+  }
+}
+
+double robustWeight(const Factor& factor, double norm) {
+  return factor.huber > 0.0 && norm > factor.huber ? std::sqrt(factor.huber / norm) : 1.0;
+}
+
 // A factor's residual and Jacobian in the tangents of its blocks, robust weight applied.
 struct Linearized {
   Eigen::VectorXd residual;
   RowMajorX jacobian;
 };
-
-// Columns of an ambient Jacobian to columns of the tangent.
-void writeTangent(const Block& block, const RowMajorX& ambient, Eigen::Ref<RowMajorX> tangent) {
-  if (block.kind == BlockKind::kPose) {
-    const Eigen::Map<const Eigen::Quaterniond> q(block.data + 3);
-    tangent.leftCols<3>() = ambient.leftCols<3>();
-    tangent.rightCols<3>() = ambient.rightCols<4>() * quaternionByRotation(q);
-  } else if (block.kind == BlockKind::kExtrinsicRotation) {
-    const Eigen::Map<const Eigen::Quaterniond> q(block.data);
-    tangent = ambient * quaternionByRotation(q);
-  } else {
-    tangent = ambient;
-  }
-}
 
 Linearized linearizeFactor(const Factor& factor) {
   const int rows = factor.cost->num_residuals();
@@ -54,96 +62,227 @@ Linearized linearizeFactor(const Factor& factor) {
     writeTangent(factor.blocks[i], ambient[i], result.jacobian.middleCols(column, size));
     column += size;
   }
-  const double norm = result.residual.norm();
-  if (factor.huber > 0.0 && norm > factor.huber) {
-    const double weight = std::sqrt(factor.huber / norm);
-    result.residual *= weight;
-    result.jacobian *= weight;
-  }
+  const double weight = robustWeight(factor, result.residual.norm());
+  result.residual *= weight;
+  result.jacobian *= weight;
   return result;
 }
 
-// Accumulates the factors of one landmark and eliminates it.
+// H += J^T J, g += J^T r over the blocks that are unknowns; of H only the lower triangle.
+void addDirect(const Factor& factor, const Offsets& offsets, LinearSystem* system) {
+  const Linearized linear = linearizeFactor(factor);
+  const RowMajorX& J = linear.jacobian;
+  int column_a = 0;
+  for (const Block& a : factor.blocks) {
+    const int size_a = tangentSize(a.kind);
+    const auto offset_a = offsets.find(a.data);
+    if (offset_a != offsets.end()) {
+      const auto J_a = J.middleCols(column_a, size_a);
+      system->g.segment(offset_a->second, size_a).noalias() += J_a.transpose() * linear.residual;
+      int column_b = 0;
+      for (const Block& b : factor.blocks) {
+        const int size_b = tangentSize(b.kind);
+        const auto offset_b = offsets.find(b.data);
+        if (offset_b != offsets.end() && offset_b->second <= offset_a->second)
+          system->H.block(offset_a->second, offset_b->second, size_a, size_b).noalias() +=
+              J_a.transpose() * J.middleCols(column_b, size_b);
+        column_b += size_b;
+      }
+    }
+    column_a += size_a;
+  }
+}
+
+int columnsBesidesLandmark(const Factor& factor) {
+  int columns = 0;
+  for (const Block& block : factor.blocks)
+    if (block.kind != BlockKind::kLandmark) columns += tangentSize(block.kind);
+  return columns;
+}
+
+// Gathers the factors of one landmark in a small dense system of its own, eliminates the landmark there and adds the
+// rest to the whole. Keeps its memory from landmark to landmark.
 class LandmarkElimination {
  public:
-  void add(const Factor& factor, const Offsets& offsets, LinearSystem* system) {
-    const Linearized linear = linearizeFactor(factor);
-    const RowMajorX& J = linear.jacobian;
-    int landmark_column = 0, column = 0;
-    for (const Block& block : factor.blocks) {
-      if (block.kind == BlockKind::kLandmark) landmark_column = column;
-      column += tangentSize(block.kind);
+  /// `factor`: of at most four rows, in the landmark and at most four other blocks of 18 columns together.
+  void add(const Factor& factor, const Offsets& offsets) {
+    Evaluated e;
+    evaluate(factor, &e);
+    V_ += e.J_landmark.transpose() * e.J_landmark;
+    g_landmark_ += e.J_landmark.transpose() * e.residual;
+    if (e.count == 0) return;
+    std::array<Run, Evaluated::kMaxBlocks> runs;
+    const int count = placeAll(e, offsets, &runs);
+    Products products;
+    if (e.J.rows() == 2 && e.J.cols() == 13) {
+      multiply<2, 13>(e, &products);  // a reprojection
+    } else {
+      multiply<Eigen::Dynamic, Eigen::Dynamic>(e, &products);
     }
-    const auto J_l = J.middleCols<3>(landmark_column);
-    V_ += J_l.transpose() * J_l;
-    g_ += J_l.transpose() * linear.residual;
-    column = 0;
-    for (const Block& block : factor.blocks) {
-      const int size = tangentSize(block.kind);
-      const auto offset = offsets.find(block.data);
-      if (block.kind != BlockKind::kLandmark && offset != offsets.end())
-        coupling(offset->second, size) += J.middleCols(column, size).transpose() * J_l;
-      column += size;
+    for (int a = 0; a < count; ++a) {
+      const Run& r = runs[a];
+      g_.segment(r.local, r.size) += products.g.segment(r.column, r.size);
+      W_.middleRows(r.local, r.size) += products.W.middleRows(r.column, r.size);
+      for (int b = 0; b < count; ++b)
+        if (runs[b].local <= r.local)
+          U_.block(r.local, runs[b].local, r.size, runs[b].size) +=
+              products.U.block(r.column, runs[b].column, r.size, runs[b].size);
     }
-    addDirect(factor, linear, offsets, system);
   }
 
   void eliminate(LinearSystem* system) {
     Eigen::Matrix3d damped = V_;
     damped.diagonal().array() += 1e-12 * (1.0 + V_.trace());  // a landmark without any parallax
-    const Eigen::Matrix3d V_inverse = damped.inverse();
-    for (const Coupling& a : couplings_) {
-      const Eigen::Matrix<double, Eigen::Dynamic, 3, 0, 9, 3> A = a.W * V_inverse;
-      system->g.segment(a.offset, a.size) -= A * g_;
-      for (const Coupling& b : couplings_)
-        system->H.block(a.offset, b.offset, a.size, b.size).noalias() -= A * b.W.transpose();
-    }
-    couplings_.clear();
+    const Eigen::LLT<Eigen::Matrix3d> cholesky(damped);
+    const Eigen::Matrix3d L_inverse = cholesky.matrixL().solve(Eigen::Matrix3d::Identity());
+    const Eigen::Matrix<double, Eigen::Dynamic, 3> half = W_.topRows(size_) * L_inverse.transpose();
+    U_.topLeftCorner(size_, size_).selfadjointView<Eigen::Lower>().rankUpdate(half, -1.0);
+    g_.head(size_).noalias() -= half * (L_inverse * g_landmark_);
+    scatter(system);
+    size_ = 0;
+    entries_.clear();
     V_.setZero();
-    g_.setZero();
-  }
-
-  // H += J^T J, g += J^T r over the blocks that are unknowns.
-  static void addDirect(const Factor& factor, const Linearized& linear, const Offsets& offsets,
-                        LinearSystem* system) {
-    const RowMajorX& J = linear.jacobian;
-    int column_a = 0;
-    for (const Block& a : factor.blocks) {
-      const int size_a = tangentSize(a.kind);
-      const auto offset_a = offsets.find(a.data);
-      if (offset_a != offsets.end()) {
-        const auto J_a = J.middleCols(column_a, size_a);
-        system->g.segment(offset_a->second, size_a).noalias() += J_a.transpose() * linear.residual;
-        int column_b = 0;
-        for (const Block& b : factor.blocks) {
-          const int size_b = tangentSize(b.kind);
-          const auto offset_b = offsets.find(b.data);
-          if (offset_b != offsets.end())
-            system->H.block(offset_a->second, offset_b->second, size_a, size_b).noalias() +=
-                J_a.transpose() * J.middleCols(column_b, size_b);
-          column_b += size_b;
-        }
-      }
-      column_a += size_a;
-    }
+    g_landmark_.setZero();
   }
 
  private:
-  struct Coupling {
-    int offset, size;
-    Eigen::Matrix<double, Eigen::Dynamic, 3, 0, 9, 3> W;
+  struct Entry {
+    const double* data;
+    int local, size;
+    int global;  // -1: a constant
   };
 
-  Eigen::Matrix<double, Eigen::Dynamic, 3, 0, 9, 3>& coupling(int offset, int size) {
-    for (Coupling& c : couplings_)
-      if (c.offset == offset) return c.W;
-    couplings_.push_back({offset, size, Eigen::Matrix<double, Eigen::Dynamic, 3, 0, 9, 3>::Zero(size, 3)});
-    return couplings_.back().W;
+  // On the stack: there are a thousand of them in a window.
+  struct Evaluated {
+    static constexpr int kMaxRows = 4, kMaxBlocks = 4, kMaxColumns = 18;
+    Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMaxRows, 1> residual;
+    Eigen::Matrix<double, Eigen::Dynamic, 3, 0, kMaxRows, 3> J_landmark;
+    Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor, kMaxRows, kMaxColumns> J;
+    int count = 0;
+    std::array<const Block*, kMaxBlocks> blocks;
+    std::array<int, kMaxBlocks> column;
+
+    int size(int a) const { return tangentSize(blocks[a]->kind); }
+  };
+
+  static void evaluate(const Factor& factor, Evaluated* e) {
+    constexpr int kBlocks = Evaluated::kMaxBlocks + 1;
+    const int rows = factor.cost->num_residuals(), columns = columnsBesidesLandmark(factor);
+    if (rows > Evaluated::kMaxRows || factor.blocks.size() > kBlocks || columns > Evaluated::kMaxColumns)
+      throw std::logic_error("a factor of a landmark is larger than its elimination expects");
+    std::array<const double*, kBlocks> parameters;
+    std::array<double*, kBlocks> jacobians;
+    std::array<std::array<double, Evaluated::kMaxRows * 9>, kBlocks> ambient;
+    e->residual.resize(rows);
+    e->J.resize(rows, columns);
+    for (std::size_t i = 0; i < factor.blocks.size(); ++i) {
+      parameters[i] = factor.blocks[i].data;
+      jacobians[i] = ambient[i].data();
+    }
+    factor.cost->Evaluate(parameters.data(), e->residual.data(), jacobians.data());
+    const double weight = robustWeight(factor, e->residual.norm());
+    e->residual *= weight;
+    int column = 0;
+    for (std::size_t i = 0; i < factor.blocks.size(); ++i) {
+      const Block& block = factor.blocks[i];
+      const Eigen::Map<const RowMajorX> J(ambient[i].data(), rows, ambientSize(block.kind));
+      if (block.kind == BlockKind::kLandmark) {
+        e->J_landmark = weight * J;
+        continue;
+      }
+      const int size = tangentSize(block.kind);
+      writeTangent(block, J, e->J.middleCols(column, size));
+      e->J.middleCols(column, size) *= weight;
+      e->blocks[e->count] = &block;
+      e->column[e->count++] = column;
+      column += size;
+    }
+  }
+
+  // Columns of a factor that stand together in the small system as well.
+  struct Run {
+    int column, local, size;
+  };
+
+  // J^T J, J^T J_landmark and J^T residual.
+  struct Products {
+    static constexpr int kMax = Evaluated::kMaxColumns;
+    Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor, kMax, kMax> U;
+    Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor, kMax, 3> W;
+    Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMax, 1> g;
+  };
+
+  template <int kRows, int kColumns>
+  static void multiply(const Evaluated& e, Products* products) {
+    using Jacobian = Eigen::Matrix<double, kRows, kColumns, Eigen::RowMajor>;
+    const Eigen::Map<const Jacobian, 0> J(e.J.data(), e.J.rows(), e.J.cols());
+    products->U.resize(J.cols(), J.cols());
+    products->W.resize(J.cols(), 3);
+    products->g.resize(J.cols());
+    for (Eigen::Index k = 0; k < J.cols(); ++k)
+      products->U.row(k).template head<kColumns>(J.cols()) = J.col(k).transpose().lazyProduct(J);
+    products->W.noalias() = J.transpose().lazyProduct(e.J_landmark);
+    products->g.noalias() = J.transpose().lazyProduct(e.residual);
+  }
+
+  int placeAll(const Evaluated& e, const Offsets& offsets, std::array<Run, Evaluated::kMaxBlocks>* runs) {
+    int count = 0;
+    for (int a = 0; a < e.count; ++a) {
+      const int local = place(*e.blocks[a], offsets);
+      if (count > 0 && (*runs)[count - 1].local + (*runs)[count - 1].size == local) {
+        (*runs)[count - 1].size += e.size(a);
+      } else {
+        (*runs)[count++] = {e.column[a], local, e.size(a)};
+      }
+    }
+    return count;
+  }
+
+  // Where the block stands in the small system; new ones are appended.
+  int place(const Block& block, const Offsets& offsets) {
+    for (const Entry& entry : entries_)
+      if (entry.data == block.data) return entry.local;
+    const auto offset = offsets.find(block.data);
+    const int local = size_, size = tangentSize(block.kind);
+    entries_.push_back({block.data, local, size, offset == offsets.end() ? -1 : offset->second});
+    size_ += size;
+    if (size_ > U_.rows()) grow(2 * size_);
+    U_.block(local, 0, size, size_).setZero();
+    W_.middleRows(local, size).setZero();
+    g_.segment(local, size).setZero();
+    return local;
+  }
+
+  void grow(int capacity) {
+    U_.conservativeResize(capacity, capacity);
+    W_.conservativeResize(capacity, 3);
+    g_.conservativeResize(capacity);
+  }
+
+  void scatter(LinearSystem* system) const {
+    for (const Entry& a : entries_) {
+      if (a.global < 0) continue;
+      system->g.segment(a.global, a.size) += g_.segment(a.local, a.size);
+      for (const Entry& b : entries_) {
+        if (b.local > a.local) break;
+        if (b.global < 0) continue;
+        const auto U_ab = U_.block(a.local, b.local, a.size, b.size);
+        if (a.global >= b.global) {
+          system->H.block(a.global, b.global, a.size, b.size) += U_ab;
+        } else {
+          system->H.block(b.global, a.global, b.size, a.size) += U_ab.transpose();
+        }
+      }
+    }
   }
 
   Eigen::Matrix3d V_ = Eigen::Matrix3d::Zero();
-  Eigen::Vector3d g_ = Eigen::Vector3d::Zero();
-  std::vector<Coupling> couplings_;
+  Eigen::Vector3d g_landmark_ = Eigen::Vector3d::Zero();
+  int size_ = 0;
+  RowMajorX U_;  ///< lower triangle of the states' part
+  Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor> W_;
+  Eigen::VectorXd g_;
+  std::vector<Entry> entries_;
 };
 
 const double* landmarkOf(const Factor& factor) {
@@ -169,12 +308,13 @@ LinearSystem linearize(const std::vector<Factor>& factors, const std::vector<Blo
     if (current && landmark != current) elimination.eliminate(&system);
     current = landmark;
     if (landmark) {
-      elimination.add(factor, offsets, &system);
+      elimination.add(factor, offsets);
     } else {
-      LandmarkElimination::addDirect(factor, linearizeFactor(factor), offsets, &system);
+      addDirect(factor, offsets, &system);
     }
   }
   if (current) elimination.eliminate(&system);
+  system.H.triangularView<Eigen::StrictlyUpper>() = system.H.transpose();
   return system;
 }
 

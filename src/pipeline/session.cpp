@@ -87,10 +87,10 @@ bool Session::process(const FeatureFrame& frame, const ImuBuffer& imu, VioUpdate
   const StageClock clock;
   const EstimatorResult result = estimator_->process(frame, imu);
   if (result.healthy) {
-    updateCalibrationCovariance(result.keyframe, frame.stamp);
+    updateCalibrationCovariance(result.keyframe_finished, frame.stamp);
     initializer_->checkHeldRotation(frame, imu);
     if (prior_problem_.empty()) prior_problem_ = initializer_->priorProblem();
-    if (result.keyframe) {
+    if (result.keyframe_finished) {
       checkPrior();
       judgeCalibration(frame.stamp);
     }

@@ -16,7 +16,8 @@ struct EstimatorResult {
   bool healthy = true;
   bool diverged = false;  ///< not healthy because of the estimate itself, not for want of data
   std::string problem;    ///< in words, when not healthy
-  bool keyframe = false;
+  bool keyframe_finished =
+      false;  ///< the covariance holds for another keyframe than before, the one before this image
 };
 
 class SlidingWindowEstimator {
@@ -41,13 +42,15 @@ class SlidingWindowEstimator {
   /// Time for which no image has been of use: the estimate rests on the IMU alone [s]. 0 as long as points are tracked.
   double blindTime() const { return toSeconds(newest().stamp - last_sighted_); }
 
-  /// Covariance as of the last keyframe, or of the last image while blind; the frame it holds for.
+  /// Covariance as of the last keyframe before the newest image, or of the last image while blind; the frame it holds
+  /// for.
   const std::optional<GraphCovariance>& covariance() const { return covariance_; }
   FrameId covarianceFrame() const { return covariance_frame_; }
 
  private:
   EstimatorResult fail(const std::string& problem, bool diverged) const;
   bool isKeyframe() const;
+  bool finishKeyframe();
   bool newestIsTied() const;
   void updateCovariance();
   double positionSigma() const;
@@ -60,6 +63,7 @@ class SlidingWindowEstimator {
   VisualInertialGraph graph_;
   NoiseAdaptation noise_;
   bool newest_is_keyframe_ = true;
+  bool keyframe_unfinished_ = false;  ///< covariance, noise and marginalisation wait for the next image
   std::optional<GraphCovariance> covariance_;
   FrameId covariance_frame_ = 0;
   TimeNs last_sighted_ = 0;              ///< stamp of the last image tied to the window by tracked points
