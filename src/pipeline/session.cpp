@@ -88,6 +88,7 @@ bool Session::process(const FeatureFrame& frame, const ImuBuffer& imu, VioUpdate
   const EstimatorResult result = estimator_->process(frame, imu);
   if (result.healthy) {
     updateCalibrationCovariance(result.keyframe_finished, frame.stamp);
+    rememberCalibration();
     initializer_->checkHeldRotation(frame, imu);
     if (prior_problem_.empty()) prior_problem_ = initializer_->priorProblem();
     if (result.keyframe_finished) {
@@ -161,6 +162,7 @@ void Session::startEstimator(InitializedProblem problem, TimeNs stamp) {
       std::make_unique<SlidingWindowEstimator>(std::move(problem.graph), problem.noise, options_.estimator);
   estimator_->hold(hold_rotation_, hold_translation_, hold_td_);
   updateCalibrationCovariance(true, stamp);
+  rememberCalibration();
   judgeCalibration(stamp);
 }
 
@@ -192,17 +194,20 @@ void Session::judgeCalibration(TimeNs stamp) {
   sample.td = td();
   sample.sigma_td = hold_td_ ? 0.0 : sigma_td_;
   // Zero says that a part is held, and waits for nothing.
-  const Eigen::Matrix<double, 6, 1> sigma = extrinsic_covariance_.diagonal().cwiseMax(0.0).cwiseSqrt();
   if (hold_translation_) sample.covariance.topRows<3>().setZero(), sample.covariance.leftCols<3>().setZero();
   if (hold_rotation_) sample.covariance.bottomRows<3>().setZero(), sample.covariance.rightCols<3>().setZero();
   monitor_.add(sample);
+  if (monitor_.converged()) converged_ = current_;
+}
+
+void Session::rememberCalibration() {
+  const Eigen::Matrix<double, 6, 1> sigma = extrinsic_covariance_.diagonal().cwiseMax(0.0).cwiseSqrt();
   CalibrationKnowledge knowledge;
-  knowledge.extrinsics.T_imu_cam = sample.T_BC;
+  knowledge.extrinsics.T_imu_cam = estimator_->graph().calibration().T_BC();
   knowledge.extrinsics.sigma_translation = std::max(kMinSigmaTranslation, sigma.head<3>().maxCoeff());
   knowledge.extrinsics.sigma_rotation = std::max(kMinSigmaRotation, sigma.tail<3>().maxCoeff());
-  knowledge.time_offset = {sample.td, std::max(kMinSigmaTd, sigma_td_)};
+  knowledge.time_offset = {td(), std::max(kMinSigmaTd, sigma_td_)};
   current_ = knowledge;
-  if (monitor_.converged()) converged_ = knowledge;
 }
 
 std::optional<CalibrationKnowledge> Session::knowledge() const {

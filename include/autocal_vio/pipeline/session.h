@@ -56,6 +56,7 @@ class Session {
  private:
   bool initialize(const FeatureFrame& frame, const ImuBuffer& imu, VioUpdate* update);
   void startEstimator(InitializedProblem problem, TimeNs stamp);
+  void rememberCalibration();
   void judgeCalibration(TimeNs stamp);
   void updateCalibrationCovariance(bool keyframe, TimeNs stamp);
   void checkPrior();
