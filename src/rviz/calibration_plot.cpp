@@ -23,7 +23,7 @@ namespace autocal_vio {
 namespace {
 
 constexpr int kTickPoints = 7;
-constexpr int kValueAxisWidth = 38;  // so that plots below each other are aligned [px]
+constexpr int kValueAxisWidth = 46;  // so that plots below each other are aligned [px]
 constexpr int kPixelsPerTick = 55;   // on the time axis
 constexpr double kShortest = 5.0;    // that a time axis shows [s]
 

@@ -1,4 +1,5 @@
-// The panel without rviz and without ROS, on Qt's offscreen platform: an hour of messages, and its settings.
+// The panel without rviz and without ROS: an hour of messages, and its settings. On Qt's offscreen platform, unless
+// QT_QPA_PLATFORM names another.
 #include <gtest/gtest.h>
 #include <rviz/config.h>
 #include <time.h>
