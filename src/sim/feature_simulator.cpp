@@ -4,6 +4,7 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "autocal_vio/geometry/so3.h"
 #include "autocal_vio/sim/imu_simulator.h"
 #include "autocal_vio/sim/track_drift.h"
 
@@ -174,11 +175,22 @@ std::shared_ptr<const Trajectory> makeTrajectory(const FeatureSimulationOptions&
   return std::make_shared<SineTrajectory>(motion);
 }
 
+// What the bump makes of the camera's pose in the IMU frame.
+Transform bumped(const Transform& T_imu_cam, const FeatureSimulationOptions& options) {
+  RandomSource random(options.seed, 31);
+  const Vector3d axis = random.unitVector(), direction = random.unitVector();
+  const Transform T_CCnew(expSo3((axis * options.bump_rotation_deg * M_PI / 180.0).eval()),
+                          (direction * options.bump_translation).eval());
+  return T_imu_cam * T_CCnew;
+}
+
 void checkOptions(const FeatureSimulationOptions& options) {
   if (!(options.image_rate > 0.0 && options.image_rate <= 1000.0))
     throw std::invalid_argument("feature simulator: image_rate must be within (0, 1000] Hz");
   if (options.max_tracks < 0 || !(options.pixel_sigma >= 0.0))
     throw std::invalid_argument("feature simulator: max_tracks and pixel_sigma must not be negative");
+  if (!(options.bump_time >= 0.0 && options.bump_rotation_deg >= 0.0 && options.bump_translation >= 0.0))
+    throw std::invalid_argument("feature simulator: time and size of the bump must not be negative");
   if (options.rig && !options.rig->rig.camera)
     throw std::invalid_argument("feature simulator: the rig needs camera intrinsics");
 }
@@ -219,7 +231,8 @@ FeatureDataset simulateFeatures(const FeatureSimulationOptions& options) {
   dataset.gravity = options.gravity;
   const std::vector<ImuBias> biases = simulateImu(options, *trajectory, &dataset);
   TrackSimulator tracks(options, dataset.rig, positionBounds(*trajectory));
-  const TimeNs td = fromSeconds(dataset.rig.td);
+  const Transform T_imu_cam_bumped = bumped(dataset.rig.T_imu_cam, options);
+  const TimeNs td = fromSeconds(dataset.rig.td), bump = trajectory->begin() + fromSeconds(options.bump_time);
   for (std::int64_t i = 0;; ++i) {
     TruthSample truth;
     truth.stamp = trajectory->begin() + fromSeconds(static_cast<double>(i) / options.image_rate);
@@ -231,7 +244,8 @@ FeatureDataset simulateFeatures(const FeatureSimulationOptions& options) {
     truth.velocity_W = motion.velocity_W;
     truth.angular_velocity_B = motion.angular_velocity_B;
     truth.bias = biasAt(dataset.imu, biases, truth.stamp_imu);
-    truth.T_imu_cam = dataset.rig.T_imu_cam;
+    const bool after_bump = options.bump_time > 0.0 && truth.stamp_imu >= bump;
+    truth.T_imu_cam = after_bump ? T_imu_cam_bumped : dataset.rig.T_imu_cam;
     truth.td = dataset.rig.td;
     dataset.frames.push_back(tracks.observe(truth.stamp, motion.T_WB * truth.T_imu_cam, &dataset));
     dataset.truth.push_back(truth);

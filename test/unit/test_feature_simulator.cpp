@@ -5,6 +5,7 @@
 #include <chrono>
 #include <cmath>
 #include <map>
+#include <set>
 
 namespace autocal_vio {
 namespace {
@@ -151,6 +152,45 @@ TEST(FeatureSimulator, TheSameSeedGivesTheSameBytes) {
 TEST(FeatureSimulator, RefusesImpossibleOptions) {
   FeatureSimulationOptions options;
   options.image_rate = 0.0;
+  EXPECT_THROW(simulateFeatures(options), std::invalid_argument);
+}
+
+TEST(FeatureSimulator, BumpMovesTheCameraAndNothingElse) {
+  FeatureSimulationOptions options = FeatureSimulationOptions::exact(3);
+  options.motion.duration = 8.0;
+  const FeatureDataset still = simulateFeatures(options);
+  options.bump_time = 5.0;
+  options.bump_rotation_deg = 3.0;
+  options.bump_translation = 0.04;
+  const FeatureDataset data = simulateFeatures(options);
+  const CameraModel camera(*data.rig.rig.camera);
+  const TimeNs bump = options.motion.begin + fromSeconds(options.bump_time);
+  ASSERT_EQ(data.frames.size(), still.frames.size());
+  std::size_t after = 0, carried_over = 0;
+  std::set<std::int64_t> tracked_before;
+  for (std::size_t i = 0; i < data.frames.size(); ++i) {
+    const Transform& T_BC = data.truth[i].T_imu_cam;
+    const Transform step = data.rig.T_imu_cam.inverse() * T_BC;
+    const bool is_after = data.truth[i].stamp_imu >= bump;
+    after += is_after;
+    EXPECT_NEAR(step.rotation.angularDistance(Eigen::Quaterniond::Identity()),
+                is_after ? 3.0 * M_PI / 180.0 : 0.0, 1e-7);
+    EXPECT_NEAR(step.translation.norm(), is_after ? 0.04 : 0.0, 1e-12);
+    EXPECT_EQ(data.truth[i].T_WB.translation, still.truth[i].T_WB.translation);
+    const Transform T_CW = (data.truth[i].T_WB * T_BC).inverse();
+    for (const Feature& feature : data.frames[i].features) {
+      Vector2d pixel;
+      ASSERT_TRUE(camera.project(T_CW * data.landmarks_W.at(feature.track_id), &pixel));
+      EXPECT_LT((feature.pixel - pixel).norm(), 1e-9);
+      if (!is_after) tracked_before.insert(feature.track_id);
+      carried_over += is_after && tracked_before.count(feature.track_id) != 0;
+    }
+  }
+  EXPECT_EQ(after, 61U) << "three seconds at 20 Hz, both ends";
+  EXPECT_GT(carried_over, 100U) << "the tracker follows its points across the bump";
+  for (std::size_t i = 0; i < data.imu.size(); ++i)
+    EXPECT_EQ(data.imu[i].angular_velocity, still.imu[i].angular_velocity);
+  options.bump_translation = -0.01;
   EXPECT_THROW(simulateFeatures(options), std::invalid_argument);
 }
 

@@ -42,6 +42,9 @@ struct FeatureSimulationOptions {
   bool drifting_tracks = false;      ///< TrackDrift on top of the white noise
   double outlier_fraction = 0.0;     ///< share of the tracks that wander off at 10-60 px/s
   double loss_rate = 0.15;           ///< chance per second that a track is lost [1/s]
+  double bump_time = 0.0;            ///< when the mount is bumped, from the beginning; 0: never [s]
+  double bump_rotation_deg = 0.0;    ///< size of the bump, about a random axis of the camera [deg]
+  double bump_translation = 0.0;     ///< size of the bump, in a random direction [m]
 
   /// No noise, no bias, no loss other than out of view.
   static FeatureSimulationOptions exact(std::uint64_t seed);
@@ -55,8 +58,8 @@ struct FeatureSimulationOptions {
 struct FeatureDataset {
   std::vector<ImuSample> imu;
   std::vector<FeatureFrame> frames;
-  std::vector<TruthSample> truth;  ///< one per frame
-  SimulatedRig rig;
+  std::vector<TruthSample> truth;                       ///< one per frame
+  SimulatedRig rig;                                     ///< as it was before a bump
   double gravity = 9.81;                                ///< [m/s^2]
   std::map<std::int64_t, Eigen::Vector3d> landmarks_W;  ///< true position of each track's point [m]
   std::set<std::int64_t> outliers;                      ///< tracks that wander off
