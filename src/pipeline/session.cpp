@@ -219,7 +219,9 @@ void Session::hold(bool rotation, bool translation, bool time_offset) {
   hold_translation_ = translation;
   hold_td_ = time_offset;
   initializer_->hold(rotation, translation, time_offset);
-  if (estimator_) estimator_->hold(rotation, translation, time_offset);
+  if (!estimator_) return;
+  estimator_->hold(rotation, translation, time_offset);
+  judgeCalibration(estimator_->newest().stamp);  // what was said of parts held before holds no longer
 }
 
 void Session::fillFromInitializer(VioUpdate* update) const {

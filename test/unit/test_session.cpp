@@ -77,7 +77,7 @@ TEST_F(SessionTest, BeforeTheFirstEstimateItKnowsWhatItWasGiven) {
 
 TEST_F(SessionTest, PredictsTheCamerasRotation) {
   Session session = makeSession();
-  ASSERT_TRUE(feed(&session, 7.0));
+  ASSERT_TRUE(feed(&session, 7.01));
   ASSERT_TRUE(session.estimating());
   const std::size_t i = frame_ - 5, j = frame_ - 1;
   const auto predicted = session.predictedRotation(data_->truth[i].stamp, data_->truth[j].stamp, imu_);
@@ -94,7 +94,7 @@ TEST_F(SessionTest, TheOdometryBeginsWhereTheLastOneEnded) {
   const Eigen::Quaterniond heading(Eigen::AngleAxisd(1.0, Eigen::Vector3d::UnitZ()));
   const Transform start(heading, Eigen::Vector3d(3.0, -2.0, 1.0));
   Session session = makeSession(start);
-  ASSERT_TRUE(feed(&session, 7.0));
+  ASSERT_TRUE(feed(&session, 7.01));
   ASSERT_TRUE(first_);
   EXPECT_LT((first_->translation - start.translation).norm(), 1e-9);
   const Eigen::Matrix3d turn = (first_->rotation * heading.conjugate()).toRotationMatrix();
@@ -132,6 +132,23 @@ TEST_F(SessionTest, HeldExtrinsicsAreFrozenAndReleasedOnesEstimated) {
   ASSERT_TRUE(feed(&session, 7.8)) << update_.reason;
   EXPECT_NE(update_.state, VioState::kFrozen);
   EXPECT_FALSE(update_.calibration.T_imu_cam.translation.isApprox(data_->rig.T_imu_cam.translation, 0.0));
+}
+
+TEST_F(SessionTest, ReleasedExtrinsicsAreNotCalledPerfect) {
+  Session session = makeSession();
+  ASSERT_TRUE(feed(&session, 4.5));
+  session.hold(true, true, true);
+  ASSERT_TRUE(feed(&session, 7.01));
+  // Again and again: between keyframes, too.
+  for (double t = 7.06; t < 7.5; t += 0.05) {
+    session.hold(false, false, false);
+    ASSERT_TRUE(feed(&session, t));
+    EXPECT_NE(update_.state, VioState::kFrozen);
+    EXPECT_EQ(update_.reason.find("known to 0 "), std::string::npos) << t << ": " << update_.reason;
+    session.hold(true, true, true);
+    ASSERT_TRUE(feed(&session, t += 0.05));
+    EXPECT_EQ(update_.state, VioState::kFrozen);
+  }
 }
 
 TEST_F(SessionTest, TheRotationIsNeverKnownBetterThanTheImagesAre) {
