@@ -4,12 +4,9 @@ Frames as in docs/notation.md: T_AB takes coordinates in B to A; quaternions are
 Position errors are taken after an alignment with four degrees of freedom (yaw and position): roll, pitch and scale are
 observable with an IMU and get no help.
 """
-import csv
 import math
-import pathlib
 
 import numpy as np
-import yaml
 
 # Truth further apart than this is not interpolated [s].
 LARGEST_TRUTH_GAP_S = 0.2
@@ -48,6 +45,19 @@ def quaternion_from_matrix(R):
     return normalized(np.linalg.eigh(K)[1][:, -1])
 
 
+def rotation_matrix(q):
+    """3x3 of one unit quaternion."""
+    x, y, z, w = q
+    return np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+                     [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+                     [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]])
+
+
+def yaw_pitch_roll(R):
+    """Angles [rad] of R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    return (math.atan2(R[1, 0], R[0, 0]), math.atan2(-R[2, 0], math.hypot(R[0, 0], R[1, 0])), math.atan2(R[2, 1], R[2, 2]))
+
+
 class Poses:
     """A trajectory: stamps [s] (N), positions [m] (N x 3), quaternions (N x 4)."""
 
@@ -77,41 +87,6 @@ class Poses:
         return Poses(self.stamps[mask], self.positions[mask], self.quaternions[mask])
 
 
-def read_trajectory(path):
-    """TUM text (s, p, q xyzw) or EuRoC's csv (ns, p, q wxyz, ...)."""
-    stamps, positions, quaternions = [], [], []
-    for line in pathlib.Path(path).read_text().splitlines():
-        if not line.strip() or line.lstrip().startswith('#') or line[0].isalpha():
-            continue
-        if ',' in line:
-            fields = line.split(',')
-            stamps.append(int(fields[0]) * 1e-9)
-            values = [float(field) for field in fields[1:8]]
-            quaternions.append(values[4:7] + values[3:4])
-        else:
-            values = [float(field) for field in line.split()]
-            stamps.append(values[0])
-            values = values[1:8]
-            quaternions.append(values[3:7])
-        positions.append(values[:3])
-    return Poses(stamps, positions, quaternions)
-
-
-def read_extrinsics_truth(path):
-    """(p, q) of T_imu_cam from EuRoC's cam0/sensor.yaml, a Kalibr camchain, or the simulator's truth."""
-    data = yaml.safe_load(pathlib.Path(path).read_text())
-    camera = data.get('cam0', data)
-    if 'T_BS' in data:
-        T = np.array(data['T_BS']['data'], float).reshape(4, 4)
-    elif 'T_imu_cam' in camera:
-        T = np.array(camera['T_imu_cam'], float).reshape(4, 4)
-    elif 'T_cam_imu' in camera:
-        T = np.linalg.inv(np.array(camera['T_cam_imu'], float).reshape(4, 4))
-    else:
-        raise ValueError('%s: neither T_BS nor T_imu_cam nor T_cam_imu' % path)
-    return T[:3, 3], quaternion_from_matrix(T[:3, :3]), float(camera.get('timeshift_cam_imu', 0.0))
-
-
 def align_yaw(estimate, truth):
     """Yaw [rad] and translation [m] that bring the estimate's positions nearest to the truth's."""
     e = estimate.positions - estimate.positions.mean(axis=0)
@@ -135,23 +110,47 @@ def scale_needed(estimate, truth):
     return float(np.sum(D * signs) / max(np.sum(e * e), 1e-12))
 
 
+class Comparison:
+    """A trajectory beside the truth at the stamps that both cover.
+
+    `estimate` is aligned (yaw and position), `reference` the truth; `position_error` [m] in the truth's axes, `attitude_error`
+    [rad] about the axes of the body, N x 3 each. Needs two common poses: `possible` says whether there are.
+    """
+
+    def __init__(self, odometry, truth):
+        self.possible = False
+        if len(odometry) < 2 or len(truth) < 2:
+            return
+        reference, covered = truth.at(odometry.stamps)
+        estimate, self.reference = odometry.only(covered), reference.only(covered)
+        if len(estimate) < 2:
+            return
+        self.possible = True
+        self.scale = scale_needed(estimate, self.reference)
+        yaw, translation = align_yaw(estimate, self.reference)
+        turn = np.array([0, 0, math.sin(yaw / 2), math.cos(yaw / 2)])
+        self.estimate = Poses(estimate.stamps, estimate.positions @ yaw_matrix(yaw).T + translation,
+                              multiply(np.broadcast_to(turn, estimate.quaternions.shape), estimate.quaternions))
+        self.position_error = self.estimate.positions - self.reference.positions
+        self.attitude_error = log(multiply(inverse(self.reference.quaternions), self.estimate.quaternions))
+
+    def travelled(self):
+        """Distance that the truth has covered at each pose [m]."""
+        steps = np.linalg.norm(np.diff(self.reference.positions, axis=0), axis=1)
+        return np.concatenate([[0.0], np.cumsum(steps)])
+
+
 def score_odometry(odometry, truth, start=None, end=None):
     """Figures of a trajectory; `start` and `end` [s] bound the data that was offered (default: the truth's span)."""
+    comparison = Comparison(odometry, truth)
+    if not comparison.possible:
+        return {'poses': len(odometry), 'coverage': 0.0}
     start = truth.stamps[0] if start is None else max(start, truth.stamps[0])
     end = truth.stamps[-1] if end is None else min(end, truth.stamps[-1])
-    if len(odometry) < 2 or len(truth) < 2:
-        return {'poses': len(odometry), 'coverage': 0.0}
-    reference, covered = truth.at(odometry.stamps)
-    estimate, reference = odometry.only(covered), reference.only(covered)
-    if len(estimate) < 2:
-        return {'poses': len(odometry), 'coverage': 0.0}
-    yaw, translation = align_yaw(estimate, reference)
-    error = estimate.positions @ yaw_matrix(yaw).T + translation - reference.positions
-    distance = np.linalg.norm(error, axis=1)
-    turn = np.array([0, 0, math.sin(yaw / 2), math.cos(yaw / 2)])
-    aligned = multiply(np.broadcast_to(turn, estimate.quaternions.shape), estimate.quaternions)
-    angle = np.linalg.norm(log(multiply(inverse(reference.quaternions), aligned)), axis=1)
-    length = float(np.linalg.norm(np.diff(reference.positions, axis=0), axis=1).sum())
+    estimate = comparison.estimate
+    distance = np.linalg.norm(comparison.position_error, axis=1)
+    angle = np.linalg.norm(comparison.attitude_error, axis=1)
+    length = float(comparison.travelled()[-1])
     ate = float(np.sqrt(np.mean(distance ** 2)))
     return {
         'poses': len(estimate),
@@ -161,24 +160,74 @@ def score_odometry(odometry, truth, start=None, end=None):
         'ate_m': ate,
         'largest_error_m': float(distance.max()),
         'attitude_deg': float(np.degrees(np.sqrt(np.mean(angle ** 2)))),
-        'scale': scale_needed(estimate, reference),
+        'scale': comparison.scale,
         'length_m': length,
         'ate_percent': 100.0 * ate / max(length, 1e-9),
     }
 
 
-class Extrinsics:
-    """extrinsics.csv: stamps [s], T_imu_cam with sigmas [m, rad], td [s] and the state, one row per image."""
+def relative_errors(comparison, ends):
+    """Errors of the relative poses from pose i to pose ends[i] (below zero: none): position [m], rotation [rad], per pair."""
+    first = np.flatnonzero(ends >= 0)
+    last = ends[first]
 
-    def __init__(self, path):
-        with open(path, newline='') as file:
-            rows = [row for row in csv.reader(file) if row and row[0][0].isdigit()]
-        values = np.array([[float(field) for field in row[:16]] for row in rows]).reshape(-1, 16)
+    def relative(poses):
+        q = inverse(poses.quaternions[first])
+        step = poses.positions[last] - poses.positions[first]
+        vector = np.column_stack([step, np.zeros(len(step))])
+        return multiply(multiply(q, vector), inverse(q))[:, :3], multiply(q, poses.quaternions[last])
+
+    p, q = relative(comparison.estimate)
+    p_true, q_true = relative(comparison.reference)
+    # Position in the frame of the true end, as (T_true)^-1 T has it; its length is that of the difference.
+    return np.linalg.norm(p - p_true, axis=1), np.linalg.norm(log(multiply(inverse(q_true), q)), axis=1)
+
+
+def later(measure, distance, tolerance):
+    """For each pose the first one `distance` further on in `measure` (time or way); -1 where none is within `tolerance`."""
+    ends = np.searchsorted(measure, measure + distance - 1e-9)
+    found = np.minimum(ends, len(measure) - 1)
+    good = (ends < len(measure)) & (measure[found] - measure - distance <= tolerance)
+    return np.where(good, found, -1)
+
+
+def score_relative(odometry, truth, times_s=(1.0, 5.0, 10.0), lengths_m=(1.0, 5.0, 10.0)):
+    """RPE: root mean square errors of relative poses over times [s] and over lengths of the truth's way [m].
+
+    A list of {over, pairs, translation_m, rotation_deg[, translation_percent]}, only of those that the data are long enough for.
+    """
+    comparison = Comparison(odometry, truth)
+    if not comparison.possible:
+        return []
+    way = comparison.travelled()
+    stamps = comparison.estimate.stamps - comparison.estimate.stamps[0]
+    rows = []
+    for measure, unit, distances in ((stamps, 's', times_s), (way, 'm', lengths_m)):
+        for distance in distances:
+            translation, rotation = relative_errors(comparison, later(measure, distance, 0.1 * distance))
+            if not len(translation):
+                continue
+            row = {'over': '%g %s' % (distance, unit), 'pairs': len(translation),
+                   'translation_m': float(np.sqrt(np.mean(translation ** 2))),
+                   'rotation_deg': float(np.degrees(np.sqrt(np.mean(rotation ** 2))))}
+            if unit == 'm':
+                row['translation_percent'] = 100.0 * row['translation_m'] / distance
+            rows.append(row)
+    return rows
+
+
+class Extrinsics:
+    """Estimates of T_imu_cam, one per image: stamps [s], positions [m], quaternions, sigmas (position [m, in the IMU frame],
+    rotation [rad, about the camera's axes]), td with its sigma [s], and the state. A sigma that nobody told is not a number."""
+
+    def __init__(self, values, states):
+        """`values`: N x 16, in the columns of extrinsics.csv."""
+        values = np.asarray(values, float).reshape(-1, 16)
         self.stamps, self.positions = values[:, 0], values[:, 1:4]
         self.quaternions = values[:, 4:8]
         self.sigma_positions, self.sigma_rotations = values[:, 8:11], values[:, 11:14]
         self.td, self.sigma_td = values[:, 14], values[:, 15]
-        self.states = [row[16].strip() for row in rows]
+        self.states = list(states)
 
     def __len__(self):
         return len(self.stamps)
@@ -187,6 +236,11 @@ class Extrinsics:
         """Position [m] and rotation [rad, right perturbation] errors, N x 3 each."""
         rotation = log(multiply(np.broadcast_to(inverse(q), self.quaternions.shape), normalized(self.quaternions)))
         return self.positions - p, rotation
+
+
+def known(value):
+    """None for what nobody told (not a number)."""
+    return float(value) if np.isfinite(value) else None
 
 
 def score_extrinsics(extrinsics, truth, start=None, rotation_deg=0.5, position_m=0.02):
@@ -206,9 +260,9 @@ def score_extrinsics(extrinsics, truth, start=None, rotation_deg=0.5, position_m
     out = {
         'rotation_deg': float(degrees[-1]),
         'translation_m': float(metres[-1]),
-        'td_ms': float(1e3 * (extrinsics.td[-1] - td)),
-        'rotation_sigmas': float(rotation_sigmas[-1]),
-        'translation_sigmas': float(position_sigmas[-1]),
+        'td_ms': known(1e3 * (extrinsics.td[-1] - td)),
+        'rotation_sigmas': known(rotation_sigmas[-1]),
+        'translation_sigmas': known(position_sigmas[-1]),
         'within_bounds_s': float(extrinsics.stamps[settled] - start) if settled < len(extrinsics) else None,
         'says_converged_s': float(extrinsics.stamps[said[0]] - start) if said else None,
         'final_state': extrinsics.states[-1],

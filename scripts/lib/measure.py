@@ -11,6 +11,7 @@ import numpy as np
 import yaml
 
 import evaluation
+import evaluation_files
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 CLIP = 'euroc/MH_05_difficult/mav0'
@@ -59,14 +60,14 @@ class Run:
     def score(self, truth, extrinsics_truth):
         """Figures of evaluation.py; empty where the run wrote nothing."""
         try:
-            extrinsics = evaluation.Extrinsics(self.out / 'extrinsics.csv')
-            odometry = evaluation.read_trajectory(self.out / 'odometry.tum')
-        except OSError:
+            extrinsics = evaluation_files.read_extrinsics(self.out / 'extrinsics.csv')
+            odometry = evaluation_files.read_trajectory(self.out / 'odometry.tum')
+        except evaluation_files.BadFile:
             return {}
         if not len(extrinsics):
             return {}
-        figures = evaluation.score_extrinsics(extrinsics, evaluation.read_extrinsics_truth(extrinsics_truth))
-        figures.update(evaluation.score_odometry(odometry, evaluation.read_trajectory(truth), extrinsics.stamps[0],
+        figures = evaluation.score_extrinsics(extrinsics, evaluation_files.read_extrinsics_truth(extrinsics_truth))
+        figures.update(evaluation.score_odometry(odometry, evaluation_files.read_trajectory(truth), extrinsics.stamps[0],
                                                  extrinsics.stamps[-1]))
         return figures
 
@@ -218,9 +219,9 @@ def standstill(table, arguments):
     run = Run(out, ['calibrate_bag', '--config', ROOT / 'config/euroc.yaml', '--force', '--out', out, data])
     table.holds('standstill', 'not converged', 'exit %d' % run.code, 'exit 2', run.code == 2)
     try:
-        extrinsics = evaluation.Extrinsics(out / 'extrinsics.csv')
-        odometry = evaluation.read_trajectory(out / 'odometry.tum')
-    except OSError:
+        extrinsics = evaluation_files.read_extrinsics(out / 'extrinsics.csv')
+        odometry = evaluation_files.read_trajectory(out / 'odometry.tum')
+    except evaluation_files.BadFile:
         table.holds('standstill', 'results', 'none', 'written', False)
         return
     declared = sorted(set(extrinsics.states) - {'waiting_for_data', 'calibrating_rotation'})

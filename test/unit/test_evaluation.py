@@ -3,7 +3,6 @@
 import math
 import pathlib
 import sys
-import tempfile
 import unittest
 
 import numpy as np
@@ -60,23 +59,43 @@ class Odometry(unittest.TestCase):
         figures = evaluation.score_odometry(evaluation.Poses(poses.stamps, poses.positions, quaternions), self.truth)
         self.assertAlmostEqual(figures['attitude_deg'], 3.0, 6)
 
+    def test_relative_errors(self):
+        """Drift of 0.1 m and 0.5 deg of yaw a second, and a scale error, on a straight way at 2 m/s."""
+        stamps = np.arange(0.0, 20.0, 0.1)
+        still = np.tile(rotation([0.3, -0.2, 0.9]), (len(stamps), 1))
+        way = np.column_stack([2.0 * stamps, 0 * stamps, 0 * stamps])
+        truth = evaluation.Poses(stamps, way, still)
+        drift = way + np.column_stack([0 * stamps, 0 * stamps, 0.1 * stamps])
+        rows = {row['over']: row for row in evaluation.score_relative(
+            evaluation.Poses(stamps, drift, still), truth, (1.0, 5.0, 100.0), (10.0, 1000.0))}
+        self.assertEqual(sorted(rows), ['1 s', '10 m', '5 s'])
+        self.assertAlmostEqual(rows['1 s']['translation_m'], 0.1, 9)
+        self.assertAlmostEqual(rows['5 s']['translation_m'], 0.5, 9)
+        self.assertAlmostEqual(rows['10 m']['translation_m'], 0.5, 9)
+        self.assertAlmostEqual(rows['10 m']['translation_percent'], 5.0, 9)
+        self.assertAlmostEqual(rows['5 s']['rotation_deg'], 0.0, 6)
+        self.assertEqual(rows['1 s']['pairs'], len(stamps) - 10)
+        turned = np.array([evaluation.multiply(still[0], rotation([0, 0, math.radians(0.5 * t)])) for t in stamps])
+        rows = evaluation.score_relative(evaluation.Poses(stamps, way, turned), truth, (4.0,), ())
+        self.assertAlmostEqual(rows[0]['rotation_deg'], 2.0, 6)
+
+    def test_relative_errors_do_not_depend_on_the_frame(self):
+        poses = self.truth.at(self.stamps)[0]
+        rows = evaluation.score_relative(moved(poses, 1.3, [5, -3, 1]), self.truth)
+        self.assertGreaterEqual(len(rows), 5)
+        for row in rows:
+            self.assertLess(row['translation_m'], 1e-9)
+            self.assertLess(row['rotation_deg'], 1e-6)
+
     def test_no_pose_scores_no_coverage(self):
         nothing = evaluation.Poses([], [], [])
         self.assertEqual(evaluation.score_odometry(nothing, self.truth)['coverage'], 0.0)
 
 
 class Calibration(unittest.TestCase):
-    HEADER = ('stamp_s,px,py,pz,qx,qy,qz,qw,sigma_px,sigma_py,sigma_pz,sigma_rx,sigma_ry,sigma_rz,td,sigma_td,'
-              'state\n')
-
     def extrinsics(self, rows):
-        with tempfile.NamedTemporaryFile('w', suffix='.csv') as file:
-            file.write(self.HEADER)
-            for stamp, p, q, state in rows:
-                values = [stamp, *p, *q, 0.01, 0.01, 0.01, 0.002, 0.002, 0.002, 0.004, 0.001]
-                file.write(','.join('%.12f' % value for value in values) + ',' + state + '\n')
-            file.flush()
-            return evaluation.Extrinsics(file.name)
+        values = [[stamp, *p, *q, 0.01, 0.01, 0.01, 0.002, 0.002, 0.002, 0.004, 0.001] for stamp, p, q, _ in rows]
+        return evaluation.Extrinsics(values, [row[3] for row in rows])
 
     def test_errors_and_times(self):
         p, q = np.array([0.1, -0.2, 0.05]), rotation([0.4, -1.0, 0.3])
@@ -92,6 +111,15 @@ class Calibration(unittest.TestCase):
         self.assertAlmostEqual(figures['within_bounds_s'], 1.0, 9)
         self.assertAlmostEqual(figures['says_converged_s'], 2.0, 9)
 
+    def test_what_nobody_told_has_no_error(self):
+        nothing = float('nan')
+        values = [[1.0, 0.1, 0.2, 0.3, 0, 0, 0, 1] + 8 * [nothing]]
+        figures = evaluation.score_extrinsics(evaluation.Extrinsics(values, ['']),
+                                              (np.array([0.1, 0.2, 0.3]), np.array([0, 0, 0, 1.0]), 0.0))
+        self.assertEqual(figures['translation_m'], 0.0)
+        for name in ('td_ms', 'rotation_sigmas', 'translation_sigmas'):
+            self.assertIsNone(figures[name])
+
     def test_quaternion_from_matrix(self):
         for axis_angle in ([0.1, 0.2, 0.3], [math.pi, 0, 0], [0, -2.0, 2.0], [0, 0, 0]):
             q = rotation(axis_angle)
@@ -99,6 +127,12 @@ class Calibration(unittest.TestCase):
                        for e in np.eye(3)]
             recovered = evaluation.quaternion_from_matrix(np.column_stack(columns))
             self.assertLess(np.linalg.norm(evaluation.log(evaluation.multiply(evaluation.inverse(q), recovered))), 1e-9)
+            self.assertLess(np.abs(evaluation.rotation_matrix(q) - np.column_stack(columns)).max(), 1e-12)
+
+    def test_yaw_pitch_roll(self):
+        yaw, pitch, roll = 2.0, -0.7, 0.4
+        q = evaluation.multiply(evaluation.multiply(rotation([0, 0, yaw]), rotation([0, pitch, 0])), rotation([roll, 0, 0]))
+        self.assertTrue(np.allclose(evaluation.yaw_pitch_roll(evaluation.rotation_matrix(q)), (yaw, pitch, roll), atol=1e-12))
 
 
 unittest.main()
