@@ -31,7 +31,10 @@ Eigen::Vector3d yawPitchRoll(const Eigen::Quaterniond& q) {
   const Eigen::Matrix3d R = q.toRotationMatrix();
   const double yaw = std::atan2(R(1, 0), R(0, 0));
   const double pitch = std::atan2(-R(2, 0), std::hypot(R(0, 0), R(1, 0)));
-  const double roll = std::atan2(R(2, 1), R(2, 2));
+  // The second row of Rz(-yaw) R is (0, cos roll, -sin roll): exact for every pitch, also where yaw and roll turn about
+  // the same axis.
+  const double c = std::cos(yaw), s = std::sin(yaw);
+  const double roll = std::atan2(s * R(0, 2) - c * R(1, 2), c * R(1, 1) - s * R(0, 1));
   return Eigen::Vector3d(yaw, pitch, roll);
 }
 

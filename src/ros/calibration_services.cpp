@@ -1,11 +1,16 @@
 #include "autocal_vio/ros/calibration_services.h"
 
+#include <ros/console.h>
+
 #include <cmath>
 #include <memory>
 #include <optional>
 #include <utility>
 
 #include "autocal_vio/calibration_io/kalibr_yaml.h"
+#include "autocal_vio/calibration_io/load_problems.h"
+#include "autocal_vio/calibration_io/text_file.h"
+#include "autocal_vio/calibration_io/transform_text.h"
 
 namespace autocal_vio {
 namespace {
@@ -89,10 +94,6 @@ bool CalibrationServices::save(SaveCalibration::Request& request, SaveCalibratio
     response.message = "neither camchain_path nor urdf_path is given";
     return true;
   }
-  if (!request.urdf_path.empty()) {
-    response.message = "writing a URDF is not supported yet; nothing was written";
-    return true;
-  }
   const auto snapshot = std::make_shared<Snapshot>();
   const auto command = [snapshot](VioSystem& system) {
     snapshot->calibration = system.lastUpdate().calibration;
@@ -107,11 +108,42 @@ bool CalibrationServices::save(SaveCalibration::Request& request, SaveCalibratio
         std::string("there is no calibration to save yet, the state is ") + toString(snapshot->state);
     return true;
   }
-  const std::optional<std::string> problem =
-      writeKalibrCamchain(request.camchain_path, toCamchain(*snapshot, hooks_.image_topic));
-  response.success = !problem;
-  response.message = problem ? *problem : "written: " + request.camchain_path;
+  std::string written, problems;
+  const auto note = [&](const std::string& path, const std::optional<std::string>& problem) {
+    std::string& text = problem ? problems : written;
+    text += (text.empty() ? "" : problem ? "; " : ", ") + (problem ? *problem : path);
+  };
+  if (!request.camchain_path.empty()) {
+    note(request.camchain_path,
+         writeKalibrCamchain(request.camchain_path, toCamchain(*snapshot, hooks_.image_topic)));
+  }
+  if (!request.urdf_path.empty()) {
+    note(request.urdf_path, saveUrdf(request, snapshot->calibration.T_imu_cam));
+  }
+  response.success = problems.empty();
+  if (!written.empty()) response.message = "written: " + written;
+  if (!problems.empty()) response.message += (written.empty() ? "" : "; but ") + problems;
+  if (!written.empty()) {
+    ROS_INFO_STREAM("saved in " << written << ":\n"
+                                << describeBothWays(snapshot->calibration.T_imu_cam, "  "));
+  }
   return true;
+}
+
+std::optional<std::string> CalibrationServices::saveUrdf(const SaveCalibration::Request& request,
+                                                         const Transform& T_imu_cam) const {
+  try {
+    const std::optional<UrdfText> source = request.urdf_source.empty()
+                                               ? hooks_.robot_description()
+                                               : std::optional<UrdfText>(readUrdfFile(request.urdf_source));
+    if (!source) return "there is no parameter robot_description; name a URDF file in urdf_source";
+    const std::string imu = request.imu_link.empty() ? hooks_.imu_frame() : request.imu_link;
+    const std::string camera = request.camera_link.empty() ? hooks_.camera_frame() : request.camera_link;
+    return writeFileAtomically(request.urdf_path, urdfWithExtrinsics(*source, imu, camera, T_imu_cam));
+  } catch (const LoadProblems& error) {
+    return request.urdf_path + " was not written: " + error.oneLine() +
+           " (the request's camera_link and imu_link name the links)";
+  }
 }
 
 }  // namespace autocal_vio

@@ -9,9 +9,9 @@
 #include <boost/make_shared.hpp>
 #include <chrono>
 #include <exception>
-#include <sstream>
 #include <utility>
 
+#include "autocal_vio/calibration_io/transform_text.h"
 #include "autocal_vio/geometry/so3.h"
 #include "autocal_vio/ros/input_conversions.h"
 #include "autocal_vio/ros/output_conversions.h"
@@ -25,15 +25,6 @@ constexpr std::size_t kAhead = 40;  // events simulated ahead; rendering one ima
 std::unique_ptr<RigSimulator> makeSimulator(const SimulatedRigParameters& parameters) {
   if (parameters.sensors) return std::make_unique<RigSimulator>(parameters.options, *parameters.sensors);
   return std::make_unique<RigSimulator>(parameters.options);
-}
-
-std::string describe(const Transform& T) {
-  const Eigen::Vector3d& p = T.translation;
-  const Eigen::Quaterniond& q = T.rotation;
-  std::ostringstream text;
-  text << "T_imu_cam: p [" << p.x() << ", " << p.y() << ", " << p.z() << "] m, q xyzw [" << q.x() << ", "
-       << q.y() << ", " << q.z() << ", " << q.w() << "]";
-  return text.str();
 }
 
 }  // namespace
@@ -169,7 +160,8 @@ void SimulatedRigRos::publishTruth(const TruthSample& truth) {
   const bool same = published_extrinsics_ && published_extrinsics_->translation == T.translation &&
                     published_extrinsics_->rotation.coeffs() == T.rotation.coeffs();
   if (same) return;
-  ROS_INFO_STREAM(name_ << ": true " << describe(T) << ", td " << truth.td << " s");
+  ROS_INFO_STREAM(name_ << ": the truth, with a time offset of " << truth.td << " s:\n"
+                        << describeBothWays(T, "  "));
   published_extrinsics_ = T;
   geometry_msgs::PoseStamped extrinsics;
   extrinsics.header.stamp = stamp;

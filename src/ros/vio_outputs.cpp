@@ -26,7 +26,7 @@ VioOutputs::VioOutputs(const ros::NodeHandle& nh, const ros::NodeHandle& private
     : parameters_(parameters),
       frames_(frames),
       log_(log),
-      base_frame_(parameters.base_frame),
+      base_frame_(parameters.base_frame, parameters.robot_description),
       tf_(nh, private_nh.getNamespace()),
       path_(static_cast<std::size_t>(parameters.path_length)) {
   ros::NodeHandle handle(private_nh);

@@ -1,12 +1,15 @@
 #include "autocal_vio/ros/vio_parameters.h"
 
+#include <cmath>
 #include <exception>
+#include <utility>
 
 #include "autocal_vio/calibration_io/estimator_file.h"
 #include "autocal_vio/calibration_io/load_problems.h"
 #include "autocal_vio/calibration_io/rig_file.h"
 #include "autocal_vio/ros/input_conversions.h"
 #include "autocal_vio/ros/parameter_reader.h"
+#include "autocal_vio/ros/robot_description.h"
 
 namespace autocal_vio {
 namespace {
@@ -53,20 +56,63 @@ void checkFrames(ParameterReader* reader, const VioParameters& parameters) {
   differ("base_frame", parameters.base_frame, "camera_frame", parameters.camera_frame);
 }
 
+/// The prior of the extrinsics from the robot description, where ~extrinsics_from_urdf asks for it.
+void readUrdfExtrinsics(ParameterReader* reader, VioParameters* parameters) {
+  ExtrinsicsPrior prior;
+  const bool wanted = reader->flag("extrinsics_from_urdf", false);
+  prior.sigma_rotation =
+      reader->number("urdf_sigma_rotation_deg", kDefaultSigmaRotationDeg, 1e-3, 180.0) * M_PI / 180.0;
+  prior.sigma_translation = reader->number("urdf_sigma_translation", kDefaultSigmaTranslation, 1e-5, 10.0);
+  if (!wanted) return;
+  if (parameters->rig.extrinsics_prior) {
+    reader->addProblem("~extrinsics_from_urdf is true, but the rig file gives a transform, too");
+  }
+  for (const auto& [key, name] : {std::pair("~imu_frame", &parameters->imu_frame),
+                                  std::pair("~camera_frame", &parameters->camera_frame)}) {
+    if (name->empty()) {
+      reader->addProblem(std::string(key) + " must name a link of the URDF for ~extrinsics_from_urdf");
+    }
+  }
+  if (!parameters->robot_description) {
+    reader->addProblem("~extrinsics_from_urdf is true, but there is no parameter robot_description");
+  } else if (!parameters->imu_frame.empty() && !parameters->camera_frame.empty()) {
+    collectProblems(reader, [&] {
+      prior.T_imu_cam =
+          urdfTransform(*parameters->robot_description, parameters->imu_frame, parameters->camera_frame);
+      parameters->rig.extrinsics_prior = prior;
+    });
+  }
+}
+
+/// A base frame that moves on the IMU is refused at once where the robot description says so.
+void checkBaseFrame(ParameterReader* reader, const VioParameters& parameters) {
+  const std::optional<UrdfText>& urdf = parameters.robot_description;
+  if (!urdf || parameters.base_frame.empty() || parameters.imu_frame.empty()) return;
+  if (!urdfHasLink(*urdf, parameters.base_frame) || !urdfHasLink(*urdf, parameters.imu_frame)) return;
+  collectProblems(reader, [&] { urdfTransform(*urdf, parameters.imu_frame, parameters.base_frame); });
+}
+
 }  // namespace
 
 VioParameters loadVioParameters(const ros::NodeHandle& private_nh) {
   ParameterReader reader(private_nh);
   VioParameters parameters;
   const bool rig_loaded = loadFiles(&reader, &parameters);
-  parameters.options.fix_extrinsics = reader.flag("fix_extrinsics", parameters.options.fix_extrinsics);
-  if (parameters.options.fix_extrinsics && rig_loaded && !parameters.rig.extrinsics_prior) {
-    reader.addProblem("~fix_extrinsics is true, but the rig file gives no T_cam_imu to hold");
-  }
   parameters.odom_frame = frameName(reader.text("odom_frame", parameters.odom_frame));
   parameters.imu_frame = frameName(reader.text("imu_frame", parameters.imu_frame));
   parameters.camera_frame = frameName(reader.text("camera_frame", parameters.camera_frame));
   parameters.base_frame = frameName(reader.text("base_frame", parameters.base_frame));
+  parameters.robot_description = robotDescription(private_nh);
+  reader.ignore("robot_description");
+  const std::size_t problems_before = reader.problems().size();
+  readUrdfExtrinsics(&reader, &parameters);
+  const bool urdf_read = reader.problems().size() == problems_before;
+  parameters.options.fix_extrinsics = reader.flag("fix_extrinsics", parameters.options.fix_extrinsics);
+  if (parameters.options.fix_extrinsics && rig_loaded && urdf_read && !parameters.rig.extrinsics_prior) {
+    reader.addProblem(
+        "~fix_extrinsics is true, but neither the rig file nor ~extrinsics_from_urdf gives a transform to "
+        "hold");
+  }
   parameters.publish_odom_tf = reader.flag("publish_odom_tf", parameters.publish_odom_tf);
   parameters.publish_camera_tf = reader.flag("publish_camera_tf", parameters.publish_camera_tf);
   parameters.publish_diagnostics = reader.flag("publish_diagnostics", parameters.publish_diagnostics);
@@ -74,6 +120,7 @@ VioParameters loadVioParameters(const ros::NodeHandle& private_nh) {
   parameters.queue_size = reader.integer("queue_size", parameters.queue_size, 1, 1000);
   parameters.path_length = reader.integer("path_length", parameters.path_length, 1, 1000000);
   checkFrames(&reader, parameters);
+  checkBaseFrame(&reader, parameters);
 
   reader.text("image_transport", "raw");                  // read by image_transport itself
   reader.number("diagnostic_period", 1.0, 0.01, 3600.0);  // read by diagnostic_updater itself

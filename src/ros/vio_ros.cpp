@@ -5,7 +5,9 @@
 #include <exception>
 #include <utility>
 
+#include "autocal_vio/calibration_io/transform_text.h"
 #include "autocal_vio/ros/input_conversions.h"
+#include "autocal_vio/ros/robot_description.h"
 
 namespace autocal_vio {
 namespace {
@@ -31,6 +33,10 @@ VioRos::VioRos(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh,
       propagator_(parameters_.options.estimator.gravity_magnitude),
       outputs_(nh, private_nh, parameters_, &frames_, &log_) {
   for (const std::string& remark : parameters_.remarks) ROS_WARN_STREAM(name_ << ": " << remark);
+  if (parameters_.rig.extrinsics_prior) {
+    ROS_INFO_STREAM(name_ << (parameters_.options.fix_extrinsics ? ": held:\n" : ": starting from\n")
+                          << describeBothWays(parameters_.rig.extrinsics_prior->T_imu_cam, "  "));
+  }
   last_update_.reason = "nothing has been received yet";
   last_status_ = toStatus(last_update_, frames_.imu());
   waiting_for_ = "waiting for " + nh.resolveName("camera_info") + ": the rig file has no camera intrinsics";
@@ -46,6 +52,9 @@ VioRos::VioRos(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh,
   hooks.worker = [this] { return worker(); };
   hooks.before_reset = [this] { propagator_.clear(false); };
   hooks.image_topic = inputs_->imageTopic();
+  hooks.imu_frame = [this] { return frames_.imu(); };
+  hooks.camera_frame = [this] { return frames_.camera(); };
+  hooks.robot_description = [private_nh] { return robotDescription(private_nh); };
   services_ = std::make_unique<CalibrationServices>(service_nh, std::move(hooks));
   if (parameters_.publish_diagnostics) {
     diagnostics_ = std::make_unique<VioDiagnostics>(nh, private_nh, [this] { return health(); });

@@ -60,7 +60,7 @@ int calibrate(const CalibrateOptions& options) {
   warnings.finish();
   const Verdict verdict = judgeRun(result.record, options.fix_extrinsics);
   writeResults(folder, result, verdict, dataset.rig, {truth, std::nullopt});
-  std::printf("%s: %s\n", verdict.name.c_str(), verdict.reason.c_str());
+  std::fputs(closingText(result.record, verdict).c_str(), stdout);
   const TimingSummary cpu = summarize(result.timings.image_ms);
   std::printf("CPU time per image: median %.1f ms, p95 %.1f, p99 %.1f, max %.1f (%zu images)\n", cpu.median,
               cpu.p95, cpu.p99, cpu.max, static_cast<std::size_t>(cpu.count));

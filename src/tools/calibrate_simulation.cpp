@@ -110,7 +110,7 @@ int calibrate(const Options& options) {
   writeResults(folder, result, verdict, rig, {data.rig.T_imu_cam, data.rig.td});
   folder.writeText("truth.tum", truthTumText(data.truth));
   folder.writeText("truth.yaml", truthExtrinsicsText(data.rig));
-  std::printf("%s: %s\n", verdict.name.c_str(), verdict.reason.c_str());
+  std::fputs(closingText(result.record, verdict).c_str(), stdout);
   return verdict.success ? 0 : 2;
 }
 

@@ -172,8 +172,8 @@ std::string LiveRecorder::progressLine() const {
   } else {
     line += format("  rotation sigma %.2f deg", sigma_rotation_deg);
     if (whole)
-      line += format(", translation [%.1f %.1f %.1f] cm (sigma %.1f)", 100.0 * p.x(), 100.0 * p.y(),
-                     100.0 * p.z(), sigma_translation_cm);
+      line += format(", translation of T_imu_cam [%.1f %.1f %.1f] cm (sigma %.1f)", 100.0 * p.x(),
+                     100.0 * p.y(), 100.0 * p.z(), sigma_translation_cm);
   }
   return update.motion_advice.empty() ? line : line + "; " + update.motion_advice;
 }

@@ -143,7 +143,7 @@ int recordCalibration(const ProgramOptions& options) {
   writeResults(folder, result, verdict, rig, {recorder.trueExtrinsics(), recorder.trueTimeOffset()});
   folder.writeText("live.yaml", recorder.liveText());
   if (options.asl_folder.empty()) writeTruth(recorder, folder);
-  std::printf("%s\n%s: %s\n", recorder.closingLine().c_str(), verdict.name.c_str(), verdict.reason.c_str());
+  std::printf("%s\n%s", recorder.closingLine().c_str(), closingText(result.record, verdict).c_str());
   return verdict.success ? 0 : 2;
 }
 

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstdio>
 
+#include "autocal_vio/calibration_io/transform_text.h"
 #include "autocal_vio/geometry/so3.h"
 #include "autocal_vio/tools/result_tables.h"
 
@@ -169,6 +170,12 @@ Verdict judgeRun(const RunRecord& record, bool fixed_extrinsics) {
   if (!verdict.success) verdict.reason = std::string(toString(last.state)) + ": " + verdict.reason;
   if (!shortfall.empty()) verdict.reason += "; " + shortfall;
   return verdict;
+}
+
+std::string closingText(const RunRecord& record, const Verdict& verdict) {
+  std::string text = verdict.name + ": " + verdict.reason + "\n";
+  if (record.rows().empty() || !extrinsicsKnown(record.rows().back().calibration)) return text;
+  return text + describeBothWays(record.rows().back().calibration.T_imu_cam, "  ") + "\n";
 }
 
 std::string runReportText(const RunRecord& record, const Verdict& verdict, const RunCounts& counts,

@@ -8,6 +8,7 @@ import rostest
 from autocal_vio.msg import CalibrationStatus
 
 from ros_test_support import Collector, RosoutCollector, Sensors, load_nodelet, nodelets_of, set_parameters
+from ros_test_support import unload_nodelet
 
 MANAGER = '/manager'
 
@@ -62,6 +63,46 @@ class BadParameters(unittest.TestCase):
 
     def test_nothing_to_hold(self):
         self.refuse(['fix_extrinsics'], rig_file=self.rig_file, fix_extrinsics=True)
+
+    def describe_robot(self, camera_joint_type='fixed'):
+        rospy.set_param('/robot_description', """<robot name="r"><link name="base"/><link name="imu"/><link name="cam"/>
+            <joint name="imu_joint" type="fixed"><parent link="base"/><child link="imu"/></joint>
+            <joint name="neck" type="%s"><parent link="base"/><child link="cam"/></joint></robot>""" % camera_joint_type)
+        self.addCleanup(rospy.delete_param, '/robot_description')
+
+    def test_extrinsics_from_a_robot_that_nobody_describes(self):
+        self.refuse(['robot_description', '~imu_frame', '~camera_frame'], rig_file=self.rig_file, extrinsics_from_urdf=True)
+
+    def test_extrinsics_over_a_joint_that_moves(self):
+        self.describe_robot('continuous')
+        self.refuse(['/robot_description: joint neck between imu and cam is continuous'], rig_file=self.rig_file,
+                    extrinsics_from_urdf=True, imu_frame='imu', camera_frame='cam')
+
+    def test_extrinsics_of_links_that_are_not_there(self):
+        self.describe_robot()
+        self.refuse(['no link imu9', 'no link cam9'], rig_file=self.rig_file, extrinsics_from_urdf=True, imu_frame='imu9',
+                    camera_frame='cam9')
+
+    def test_base_that_moves_on_the_imu(self):
+        self.describe_robot('continuous')
+        self.refuse(['joint neck between imu and cam is continuous'], rig_file=self.rig_file, imu_frame='imu',
+                    base_frame='cam')
+
+    def test_robot_description_that_is_none(self):
+        rospy.set_param('/robot_description', '<robot name="r">')
+        self.addCleanup(rospy.delete_param, '/robot_description')
+        self.refuse(['/robot_description:1: is not valid XML'], rig_file=self.rig_file, extrinsics_from_urdf=True,
+                    imu_frame='imu', camera_frame='cam', fix_extrinsics=True)
+
+    def test_extrinsics_from_a_good_robot(self):
+        self.describe_robot()
+        self.log.clear()
+        set_parameters('/from_urdf', rig_file=self.rig_file, extrinsics_from_urdf=True, imu_frame='imu', camera_frame='cam',
+                       fix_extrinsics=True, base_frame='base')
+        self.assertTrue(load_nodelet(MANAGER, '/from_urdf'))
+        self.assertTrue(self.log.has('T_imu_cam (camera in the IMU frame): translation [0.00000'))
+        self.assertTrue(self.log.has('T_cam_imu (its inverse, Kalibr'))
+        self.assertTrue(unload_nodelet(MANAGER, '/from_urdf'))
 
     def test_unknown_parameters_are_reported(self):
         set_parameters('/misspelt', rig_file=self.rig_file, ques_size=5)

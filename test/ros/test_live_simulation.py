@@ -14,7 +14,7 @@ from tf2_msgs.msg import TFMessage
 from autocal_vio.msg import CalibrationStatus
 from autocal_vio.srv import BumpMount
 
-from ros_test_support import Collector, wait_for
+from ros_test_support import Collector, RosoutCollector, wait_for
 
 
 def stamps(messages):
@@ -139,11 +139,14 @@ class LiveSimulation(unittest.TestCase):
         static.header.frame_id, static.child_frame_id = 'mast', 'cam0'
         static.transform.rotation.w = 1.0
         publisher = rospy.Publisher('/tf_static', TFMessage, queue_size=1, latch=True)
+        log = RosoutCollector()
         publisher.publish(TFMessage([static]))
         rospy.sleep(2.0)
         self.all['tf'].clear()
         self.assertTrue(wait_for(lambda: len(transforms(self.all['tf'], 'imu0')) > 10, 5.0))
         self.assertEqual(transforms(self.all['tf'], 'cam0'), [])
+        self.assertTrue(log.has("frame 'cam0' has the parent 'mast' already"))
+        self.assertEqual(log.count("not broadcasting 'imu0' -> 'cam0'"), 1)
 
     def test_9_bump(self):
         bump = rospy.ServiceProxy('/simulated_rig/bump', BumpMount)

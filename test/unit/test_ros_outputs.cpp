@@ -6,6 +6,7 @@
 #include <random>
 
 #include "autocal_vio/geometry/so3.h"
+#include "autocal_vio/ros/base_frame.h"
 #include "autocal_vio/ros/input_conversions.h"
 #include "autocal_vio/ros/output_conversions.h"
 #include "autocal_vio/ros/path_recorder.h"
@@ -84,6 +85,27 @@ TEST(OdometryConversion, BaseFrameMovesRigidlyWithTheImu) {
   EXPECT_NEAR(message.twist.twist.linear.z, velocity.z(), 1e-6);
   EXPECT_NEAR(message.twist.twist.angular.x, rate.x(), 1e-6);
   EXPECT_NEAR(message.twist.twist.angular.y, rate.y(), 1e-6);
+}
+
+TEST(BaseFrame, ComesFromTheRobotDescription) {
+  const UrdfText robot{R"(<robot name="r"><link name="base_link"/><link name="imu"/><link name="turret"/>
+    <joint name="a" type="fixed"><parent link="base_link"/><child link="imu"/><origin xyz="0.1 0.2 0.3"/></joint>
+    <joint name="yaw_joint" type="continuous"><parent link="base_link"/><child link="turret"/></joint></robot>)",
+                       "robot_description"};
+  std::string problem;
+  BaseFrame fixed("base_link", robot);
+  const std::optional<Transform> T_imu_base = fixed.inImu("imu", &problem);
+  ASSERT_TRUE(T_imu_base) << problem;
+  EXPECT_LT((T_imu_base->translation - Eigen::Vector3d(-0.1, -0.2, -0.3)).norm(), 1e-12);
+  EXPECT_EQ(fixed.childFrame("imu"), "base_link");
+  BaseFrame turning("turret", robot);
+  for (int i = 0; i < 2; ++i) {
+    problem.clear();
+    EXPECT_FALSE(turning.inImu("imu", &problem));
+    EXPECT_NE(problem.find("yaw_joint"), std::string::npos) << problem;
+  }
+  BaseFrame same("imu", std::nullopt);
+  EXPECT_TRUE(same.inImu("imu", &problem));
 }
 
 TEST(OdometryConversion, CovarianceOfTheBaseMatchesMonteCarlo) {

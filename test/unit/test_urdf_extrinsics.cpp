@@ -2,7 +2,13 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <sstream>
+#include <vector>
+
 #include "autocal_vio/calibration_io/load_problems.h"
+#include "autocal_vio/calibration_io/urdf_text.h"
+#include "autocal_vio/geometry/so3.h"
 #include "temporary_folder.h"
 
 namespace autocal_vio {
@@ -58,8 +64,7 @@ TEST(UrdfExtrinsics, FollowsFixedJointsUpAndDown) {
 TEST(UrdfExtrinsics, RefusesAMovableJointByName) {
   const TemporaryFolder folder;
   const std::string reason = reasonOf(folder.write("robot.urdf", kRobot), "imu", "hand");
-  EXPECT_NE(reason.find("joint shoulder between the IMU and the camera is revolute"), std::string::npos)
-      << reason;
+  EXPECT_NE(reason.find("joint shoulder between imu and hand is revolute"), std::string::npos) << reason;
 }
 
 TEST(UrdfExtrinsics, NamesWhatIsMissing) {
@@ -75,6 +80,118 @@ TEST(UrdfExtrinsics, NamesWhatIsMissing) {
   EXPECT_NE(
       reasonOf(folder.write("c.urdf", "<robot name='c'/>"), "a", "b").find("not a valid robot description"),
       std::string::npos);
+}
+
+double distance(const Transform& a, const Transform& b) {
+  return ((a.inverse() * b).matrix() - Eigen::Matrix4d::Identity()).norm();
+}
+
+// The lines of `changed` that differ from those of `original`; "*" where their number differs.
+std::vector<std::string> changedLines(const std::string& original, const std::string& changed) {
+  std::istringstream a(original), b(changed);
+  std::vector<std::string> lines;
+  std::string line_a, line_b;
+  while (std::getline(a, line_a) && std::getline(b, line_b)) {
+    if (line_a != line_b) lines.push_back(line_b);
+  }
+  if (std::count(original.begin(), original.end(), '\n') != std::count(changed.begin(), changed.end(), '\n'))
+    lines.push_back("*");
+  return lines;
+}
+
+TEST(UrdfExtrinsics, KnowsItsLinks) {
+  EXPECT_TRUE(urdfHasLink({kRobot, "robot"}, "optical"));
+  EXPECT_FALSE(urdfHasLink({kRobot, "robot"}, "optical2"));
+  EXPECT_FALSE(urdfHasLink({"<robot", "robot"}, "optical"));
+}
+
+// The mount's joint is changed, not the one that turns to the optical frame.
+TEST(UrdfWriting, ChangesTheOriginOfTheCamerasJointAlone) {
+  const Transform T_imu_cam(expSo3(Eigen::Vector3d(0.3, -1.2, 2.0)), Eigen::Vector3d(0.1, -0.2, 0.05));
+  const std::string written = urdfWithExtrinsics({kRobot, "robot"}, "imu", "optical", T_imu_cam);
+  EXPECT_LT(distance(urdfTransform({written, "written"}, "imu", "optical"), T_imu_cam), 1e-10);
+  const std::vector<std::string> lines = changedLines(kRobot, written);
+  ASSERT_EQ(lines.size(), 1u);
+  EXPECT_EQ(lines[0].rfind("    <parent link=\"mast\"/> <child link=\"camera\"/> <origin xyz=\"", 0), 0u)
+      << lines[0];
+  // The other links have not moved.
+  EXPECT_LT(distance(urdfTransform({written, "written"}, "base", "mast"),
+                     urdfTransform({kRobot, "robot"}, "base", "mast")),
+            1e-15);
+  // And back again.
+  const Transform before = urdfTransform({kRobot, "robot"}, "imu", "optical");
+  const std::string back = urdfWithExtrinsics({written, "written"}, "imu", "optical", before);
+  EXPECT_LT(distance(urdfTransform({back, "back"}, "imu", "optical"), before), 1e-10);
+}
+
+TEST(UrdfWriting, LooksStraightDown) {  // where yaw and roll of the joint turn about the same axis
+  const Transform T_imu_cam(expSo3(Eigen::Vector3d(0.0, M_PI / 2, 0.0)), Eigen::Vector3d(0.1, 0.0, 0.0));
+  for (const char* camera : {"optical", "camera", "mast"}) {
+    const std::string written = urdfWithExtrinsics({kRobot, "robot"}, "imu", camera, T_imu_cam);
+    EXPECT_LT(distance(urdfTransform({written, "written"}, "imu", camera), T_imu_cam), 1e-10) << camera;
+  }
+}
+
+TEST(UrdfWriting, AnOpticalJointWithNothingAboveItIsTheCamerasJoint) {
+  const char* const robot = R"(<robot name='a'><link name='imu'/><link name='optical'/>
+<joint name='mount' type='fixed'><parent link='imu'/><child link='optical'/>
+<origin rpy='-1.5707963267948966 0 -1.5707963267948966'/></joint></robot>)";
+  const Transform T_imu_cam(expSo3(Eigen::Vector3d(0.1, 0.2, 0.3)), Eigen::Vector3d(1.0, 2.0, 3.0));
+  const std::string written = urdfWithExtrinsics({robot, "robot"}, "imu", "optical", T_imu_cam);
+  EXPECT_LT(distance(urdfTransform({written, "written"}, "imu", "optical"), T_imu_cam), 1e-10);
+}
+
+TEST(UrdfWriting, RefusesWhatItCannotDo) {
+  const auto reason = [](const char* imu, const char* camera) -> std::string {
+    try {
+      urdfWithExtrinsics({kRobot, "robot"}, imu, camera, Transform());
+    } catch (const LoadProblems& error) {
+      return error.what();
+    }
+    return "";
+  };
+  EXPECT_NE(reason("imu", "hand").find("joint shoulder"), std::string::npos);
+  EXPECT_NE(reason("optical", "mast").find("link mast carries optical"), std::string::npos);
+  EXPECT_NE(reason("imu", "imu").find("carries"), std::string::npos);
+  EXPECT_NE(reason("imu", "nothing").find("no link nothing"), std::string::npos);
+}
+
+const Transform kOrigin(Eigen::Quaterniond::Identity(), Eigen::Vector3d(1.0, -0.0, 0.25));
+
+TEST(UrdfText, KeepsCommentsQuotesAndFormatting) {
+  const std::string head = R"(<?xml version="1.0"?>
+<!DOCTYPE robot>
+<!-- <joint name="j"><origin xyz="9 9 9"/></joint> -->
+<robot name="a > b">
+  <transmission name="t"><joint name="j"><origin xyz="8 8 8"/></joint></transmission>
+  <![CDATA[<joint name="j"><origin/></joint>]]>
+  <joint  type = 'fixed'
+          name = 'j'>   <!-- <origin xyz="7 7 7"/> -->
+    <child link="x"><origin xyz="6 6 6"/></child>
+)";
+  const std::string tail = R"(
+  </joint>	<joint name="k"><origin xyz="5 5 5"/></joint>
+</robot>
+)";
+  const auto changed = [&](const std::string& origin) {
+    return replaceJointOrigin(head + origin + tail, "j", kOrigin).value_or("");
+  };
+  EXPECT_EQ(changed("<origin  xyz='0 0\n0' \t rpy = \"1 2 3\" />"),
+            head + "<origin  xyz='1 0 0.25' \t rpy = \"0 0 0\" />" + tail);
+  EXPECT_EQ(changed("<origin rpy=\"1 2 3\" xyz=\"1 2 3\"></origin>"),
+            head + "<origin rpy=\"0 0 0\" xyz=\"1 0 0.25\"></origin>" + tail);
+  EXPECT_EQ(changed("<origin rpy=\"1 2 3\"/>"), head + "<origin xyz=\"1 0 0.25\" rpy=\"0 0 0\"/>" + tail);
+  EXPECT_EQ(changed("<origin/>"), head + "<origin xyz=\"1 0 0.25\" rpy=\"0 0 0\"/>" + tail);
+}
+
+TEST(UrdfText, WritesAnOriginThatIsNotThere) {
+  const std::string text = "<robot>\n  <joint name=\"j\">\n    <parent link=\"a\"/>\n  </joint>\n</robot>\n";
+  EXPECT_EQ(replaceJointOrigin(text, "j", kOrigin).value_or(""),
+            "<robot>\n  <joint name=\"j\">\n    <origin xyz=\"1 0 0.25\" rpy=\"0 0 0\"/>\n    <parent "
+            "link=\"a\"/>\n  </joint>\n</robot>\n");
+  EXPECT_FALSE(replaceJointOrigin(text, "jj", kOrigin));
+  EXPECT_FALSE(replaceJointOrigin("", "j", kOrigin));
+  EXPECT_FALSE(replaceJointOrigin("<robot><joint name='j'", "j", kOrigin));
 }
 
 }  // namespace

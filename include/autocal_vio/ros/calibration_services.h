@@ -7,8 +7,10 @@
 #include <ros/node_handle.h>
 
 #include <functional>
+#include <optional>
 #include <string>
 
+#include "autocal_vio/calibration_io/urdf_extrinsics.h"
 #include "autocal_vio/pipeline/worker.h"
 
 namespace autocal_vio {
@@ -19,7 +21,10 @@ class CalibrationServices {
   struct Hooks {
     std::function<Worker*()> worker;  ///< null while the system does not stand yet
     std::function<void()> before_reset;
-    std::string image_topic;  ///< written into saved files
+    std::string image_topic;                 ///< written into saved files
+    std::function<std::string()> imu_frame;  ///< links of the URDF where a request names none
+    std::function<std::string()> camera_frame;
+    std::function<std::optional<UrdfText>()> robot_description;  ///< URDF where a request names none
   };
 
   /// `service_nh`: private namespace, served by other threads than the data's callbacks.
@@ -29,6 +34,9 @@ class CalibrationServices {
   bool reset(Reset::Request& request, Reset::Response& response);
   bool freeze(FreezeExtrinsics::Request& request, FreezeExtrinsics::Response& response);
   bool save(SaveCalibration::Request& request, SaveCalibration::Response& response);
+  /// Why it was not written; nothing on success.
+  std::optional<std::string> saveUrdf(const SaveCalibration::Request& request,
+                                      const Transform& T_imu_cam) const;
 
   const Hooks hooks_;
   ros::ServiceServer reset_server_;

@@ -40,6 +40,9 @@ struct RunCounts {
   std::uint64_t imu_unusable = 0;            ///< bad rows, not finite, out of order
 };
 
+/// What a program says at its end: the verdict and, where the extrinsics are known, both directions of the transform.
+std::string closingText(const RunRecord& record, const Verdict& verdict);
+
 /// The calibration as of the last image, the verdict and the counts are the same for the same input; the
 /// timings stand below a dividing line.
 std::string runReportText(const RunRecord& record, const Verdict& verdict, const RunCounts& counts,
