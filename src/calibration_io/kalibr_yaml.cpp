@@ -56,18 +56,29 @@ void appendNumber(const char* key, const std::optional<double>& value, double fa
     *text += "  " + std::string(key) + ": " + shortestText(*value * factor) + "\n";
 }
 
+// Kalibr's names; those of ROS for what Kalibr does not have.
+const char* distortionName(const CameraIntrinsics& camera, int higher_coefficients) {
+  if (camera.distortion_model == DistortionModel::kEquidistant) return "equidistant";
+  if (higher_coefficients == 0) return "radtan";
+  return higher_coefficients == 1 ? "plumb_bob  # ROS's model, not one of Kalibr's"
+                                  : "rational_polynomial  # ROS's model, not one of Kalibr's";
+}
+
 }  // namespace
 
 std::string kalibrCamchainText(const KalibrCamchain& camchain) {
   const CameraIntrinsics& camera = camchain.camera;
-  const bool radtan = camera.distortion_model == DistortionModel::kRadialTangential;
+  const Eigen::Vector4d& higher = camera.higher_radial_coeffs;
+  const int more = higher.tail<3>().isZero(0.0) ? (higher(0) == 0.0 ? 0 : 1) : 4;
+  Eigen::VectorXd coefficients(4 + more);
+  coefficients << camera.distortion_coeffs, higher.head(more);
   std::string text = commentLines(camchain.comment);
   if (camchain.T_imu_cam) text += directionsComment(*camchain.T_imu_cam);
   text += "cam0:\n";
   if (camchain.T_imu_cam) text += "  T_cam_imu:\n" + matrixText(camchain.T_imu_cam->inverse(), "  ");
   text += "  cam_overlaps: []\n  camera_model: pinhole\n";
-  text += "  distortion_coeffs: " + listText(camera.distortion_coeffs) + "\n";
-  text += std::string("  distortion_model: ") + (radtan ? "radtan" : "equidistant") + "\n";
+  text += "  distortion_coeffs: " + listText(coefficients) + "\n";
+  text += std::string("  distortion_model: ") + distortionName(camera, more) + "\n";
   text += "  intrinsics: " + listText(camera.intrinsics) + "\n";
   text += "  resolution: [" + std::to_string(camera.width) + ", " + std::to_string(camera.height) + "]\n";
   if (!camchain.image_topic.empty()) text += "  rostopic: " + quoted(camchain.image_topic) + "\n";

@@ -37,13 +37,15 @@ void readModels(YamlSection* section, CameraIntrinsics* camera) {
     section->addProblem("camera_model", "expected pinhole, is " + *model + ", which is not supported");
   const std::optional<std::string> distortion = section->text("distortion_model");
   if (!distortion) return;
-  if (*distortion == "radtan" || *distortion == "radial-tangential" || *distortion == "none") {
+  if (*distortion == "radtan" || *distortion == "radial-tangential" || *distortion == "none" ||
+      *distortion == "plumb_bob" || *distortion == "rational_polynomial") {
     camera->distortion_model = DistortionModel::kRadialTangential;
   } else if (*distortion == "equidistant") {
     camera->distortion_model = DistortionModel::kEquidistant;
   } else {
-    section->addProblem("distortion_model", "expected radtan, equidistant or none, is " + *distortion +
-                                                ", which is not supported");
+    section->addProblem("distortion_model",
+                        "expected radtan, equidistant, plumb_bob, rational_polynomial or none, is " +
+                            *distortion + ", which is not supported");
   }
 }
 
@@ -53,9 +55,20 @@ void readDistortion(YamlSection* section, CameraIntrinsics* camera) {
     section->ignore("distortion_coeffs");
     return;
   }
-  const std::string order = model == "equidistant" ? "k1 k2 k3 k4" : "k1 k2 p1 p2";
-  if (const auto values = section->numbers("distortion_coeffs", 4, order))
-    camera->distortion_coeffs = Eigen::Map<const Eigen::Vector4d>(values->data());
+  std::size_t size = 4;
+  std::string order = model == "equidistant" ? "k1 k2 k3 k4" : "k1 k2 p1 p2";
+  if (model == "plumb_bob") {  // ROS's models go on where Kalibr's ends
+    size = 5;
+    order += " k3";
+  } else if (model == "rational_polynomial") {
+    size = 8;
+    order += " k3 k4 k5 k6";
+  }
+  const auto values = section->numbers("distortion_coeffs", size, order);
+  if (!values) return;
+  camera->distortion_coeffs = Eigen::Map<const Eigen::Vector4d>(values->data());
+  for (std::size_t i = 4; i < size; ++i)
+    camera->higher_radial_coeffs(static_cast<Eigen::Index>(i - 4)) = (*values)[i];
 }
 
 void readResolution(YamlSection* section, CameraIntrinsics* camera) {

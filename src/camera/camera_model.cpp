@@ -18,15 +18,23 @@ struct Radial {
   double derivative;
 };
 
-Radial radialFactor(const Eigen::Vector4d& k, double r2) {
-  return {1.0 + r2 * (k(0) + r2 * k(1)), k(0) + 2.0 * k(1) * r2};
+// The factor has no value where its denominator is not positive: NaN.
+Radial radialFactor(const CameraIntrinsics& c, double r2) {
+  const Eigen::Vector4d &k = c.distortion_coeffs, &h = c.higher_radial_coeffs;
+  const double numerator = 1.0 + r2 * (k(0) + r2 * (k(1) + r2 * h(0)));
+  const double denominator = 1.0 + r2 * (h(1) + r2 * (h(2) + r2 * h(3)));
+  if (!(denominator > 0.0)) return {std::nan(""), std::nan("")};
+  const double d_numerator = k(0) + r2 * (2.0 * k(1) + r2 * 3.0 * h(0));
+  const double d_denominator = h(1) + r2 * (2.0 * h(2) + r2 * 3.0 * h(3));
+  const double factor = numerator / denominator;
+  return {factor, (d_numerator - factor * d_denominator) / denominator};
 }
 
-bool distortRadialTangential(const Eigen::Vector4d& k, const Eigen::Vector2d& m, Eigen::Vector2d* out,
+bool distortRadialTangential(const CameraIntrinsics& c, const Eigen::Vector2d& m, Eigen::Vector2d* out,
                              Eigen::Matrix2d* J) {
   const double x = m.x(), y = m.y(), r2 = m.squaredNorm();
-  const auto [radial, d_radial] = radialFactor(k, r2);
-  const double p1 = k(2), p2 = k(3);
+  const auto [radial, d_radial] = radialFactor(c, r2);
+  const double p1 = c.distortion_coeffs(2), p2 = c.distortion_coeffs(3);
   *out << x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
       y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y;
   if (J) {
@@ -67,13 +75,13 @@ double monotonicRadiusSquared(const CameraIntrinsics& c) {
   for (double r = kStep; r < kMaxNormalizedRadius; r += kStep) {
     double derivative;
     if (c.distortion_model == DistortionModel::kRadialTangential) {
-      const auto [radial, d_radial] = radialFactor(k, r * r);
+      const auto [radial, d_radial] = radialFactor(c, r * r);
       derivative = radial + 2.0 * r * r * d_radial;
     } else {
       const double t2 = std::pow(std::atan(r), 2);
       derivative = 1.0 + t2 * (3.0 * k(0) + t2 * (5.0 * k(1) + t2 * (7.0 * k(2) + t2 * 9.0 * k(3))));
     }
-    if (derivative <= 0.0) return (r - kStep) * (r - kStep);
+    if (!(derivative > 0.0)) return (r - kStep) * (r - kStep);
   }
   return kMaxNormalizedRadius * kMaxNormalizedRadius;
 }
@@ -102,6 +110,13 @@ std::vector<std::string> CameraIntrinsics::validate() const {
     require(std::isfinite(distortion_coeffs(i)) && std::abs(distortion_coeffs(i)) < 100.0,
             "distortion_coeffs[" + std::to_string(i) + "] must be finite and below 100 in size",
             distortion_coeffs(i));
+  for (int i = 0; i < 4; ++i)
+    require(std::isfinite(higher_radial_coeffs(i)) && std::abs(higher_radial_coeffs(i)) < 100.0,
+            "radial coefficient k" + std::to_string(3 + i) + " must be finite and below 100 in size",
+            higher_radial_coeffs(i));
+  if (distortion_model == DistortionModel::kEquidistant)
+    require(higher_radial_coeffs.isZero(0.0), "the equidistant model has no higher radial coefficients",
+            higher_radial_coeffs.norm());
   return problems;
 }
 
@@ -119,7 +134,7 @@ bool CameraModel::distortNormalized(const Eigen::Vector2d& normalized, Eigen::Ve
                                     Eigen::Matrix2d* J) const {
   if (!(normalized.squaredNorm() <= max_radius_squared_)) return false;  // false for NaN too
   return intrinsics_.distortion_model == DistortionModel::kRadialTangential
-             ? distortRadialTangential(intrinsics_.distortion_coeffs, normalized, distorted, J)
+             ? distortRadialTangential(intrinsics_, normalized, distorted, J)
              : distortEquidistant(intrinsics_.distortion_coeffs, normalized, distorted, J);
 }
 

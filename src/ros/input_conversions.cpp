@@ -55,14 +55,16 @@ bool convertDistortion(const sensor_msgs::CameraInfo& message, CameraIntrinsics*
         "D has " + std::to_string(D.size()) + " values, " + model + " takes 4 to " + std::to_string(largest);
     return false;
   }
-  for (std::size_t i = 4; i < D.size(); ++i) {
+  for (std::size_t i = 8; i < D.size(); ++i) {
     if (D[i] == 0.0) continue;
-    *problem = "D[" + std::to_string(i) +
-               "] is not zero: only k1 k2 p1 p2 are supported, give the intrinsics in" +
-               " the rig file (calibrated with two radial coefficients)";
+    *problem =
+        "D[" + std::to_string(i) +
+        "] is not zero: thin prisms and tilted sensors are not supported, only k1 k2 p1 p2 k3 k4 k5 k6";
     return false;
   }
-  for (int i = 0; i < 4; ++i) intrinsics->distortion_coeffs(i) = D[i];
+  for (std::size_t i = 0; i < D.size() && i < 8; ++i)
+    (i < 4 ? intrinsics->distortion_coeffs : intrinsics->higher_radial_coeffs)(static_cast<int>(i % 4)) =
+        D[i];
   return true;
 }
 

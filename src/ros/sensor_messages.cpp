@@ -53,9 +53,11 @@ sensor_msgs::CameraInfo toCameraInfo(TimeNs stamp, const CameraIntrinsics& intri
   message.width = static_cast<std::uint32_t>(intrinsics.width);
   message.height = static_cast<std::uint32_t>(intrinsics.height);
   const bool fisheye = intrinsics.distortion_model == DistortionModel::kEquidistant;
-  message.distortion_model = fisheye ? "equidistant" : "plumb_bob";
+  const Eigen::Vector4d& higher = intrinsics.higher_radial_coeffs;
+  const bool rational = !higher.tail<3>().isZero(0.0);
+  message.distortion_model = fisheye ? "equidistant" : rational ? "rational_polynomial" : "plumb_bob";
   for (int k = 0; k < 4; ++k) message.D.push_back(intrinsics.distortion_coeffs(k));
-  if (!fisheye) message.D.push_back(0.0);
+  for (int k = 0; !fisheye && k < (rational ? 4 : 1); ++k) message.D.push_back(higher(k));
   message.K = {intrinsics.intrinsics(0),
                0.0,
                intrinsics.intrinsics(2),

@@ -14,7 +14,7 @@ from ros_test_support import Collector, Sensors
 
 
 def camera_info(distortion_model):
-    info = CameraInfo(width=752, height=480, distortion_model=distortion_model, D=[-0.28, 0.07, 0.0002, 0.00002, 0.0])
+    info = CameraInfo(width=752, height=480, distortion_model=distortion_model, D=[-0.28, 0.07, 0.0002, 0.00002, 0.01])
     info.K = [458.654, 0, 367.215, 0, 457.296, 248.375, 0, 0, 1]
     return info
 

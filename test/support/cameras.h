@@ -1,4 +1,4 @@
-// Two real calibrations for tests.
+// Calibrations for tests.
 #pragma once
 
 #include "autocal_vio/camera/camera_model.h"
@@ -26,6 +26,28 @@ inline CameraIntrinsics tumViIntrinsics() {
       0.00020293673591811182;
   c.width = 512;
   c.height = 512;
+  return c;
+}
+
+/// A webcam as ROS's camera_calibration describes it: plumb_bob, five coefficients.
+inline CameraIntrinsics plumbBobIntrinsics() {
+  CameraIntrinsics c;
+  c.intrinsics << 510.2, 511.7, 325.4, 243.9;
+  c.distortion_coeffs << 0.0812, -0.1927, 0.0011, -0.0023;
+  c.higher_radial_coeffs << 0.0915, 0.0, 0.0, 0.0;
+  c.width = 640;
+  c.height = 480;
+  return c;
+}
+
+/// A wide lens with a rational radial factor: all eight coefficients.
+inline CameraIntrinsics rationalIntrinsics() {
+  CameraIntrinsics c;
+  c.intrinsics << 388.3, 387.9, 323.1, 197.2;
+  c.distortion_coeffs << 0.4215, 0.1187, 0.00041, -0.00018;
+  c.higher_radial_coeffs << 0.0073, 0.7462, 0.2511, 0.0302;
+  c.width = 640;
+  c.height = 400;
   return c;
 }
 

@@ -7,9 +7,15 @@
 
 #include <QApplication>
 #include <algorithm>
+#include <atomic>
+#include <chrono>
 #include <cstdio>
 #include <fstream>
+#include <functional>
 #include <iostream>
+#include <memory>
+#include <mutex>
+#include <utility>
 #include <vector>
 
 #include "autocal_vio/rviz/autocal_panel.h"
@@ -150,6 +156,39 @@ TEST_F(AutocalPanelTest, ConfigSurvivesSaveAndLoad) {
   // An empty config, such as that of a panel just added, changes nothing.
   other.load(rviz::Config());
   EXPECT_EQ(other.settings().nodelet, expected.nodelet);
+}
+
+double secondsToEnd(std::function<ServiceAnswer()> call) {
+  auto caller = std::make_unique<ServiceCaller>();
+  EXPECT_TRUE(caller->start(std::move(call)));
+  const auto begin = std::chrono::steady_clock::now();
+  caller.reset();
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+}
+
+TEST(ServiceCaller, EndsWithItsCallButDoesNotWaitForEver) {
+  const auto done = std::make_shared<std::atomic<bool>>(false);
+  EXPECT_LT(secondsToEnd([done] {
+              usleep(200000);
+              *done = true;
+              return ServiceAnswer();
+            }),
+            0.9);
+  EXPECT_TRUE(*done);
+  const auto gate = std::make_shared<std::mutex>();
+  gate->lock();
+  const auto hung = std::make_shared<std::atomic<bool>>(true);
+  const double waited = secondsToEnd([gate, hung] {
+    const std::lock_guard<std::mutex> lock(*gate);
+    *hung = false;
+    return ServiceAnswer();
+  });
+  EXPECT_GT(waited, 0.5);
+  EXPECT_LT(waited, 2.0);
+  EXPECT_TRUE(*hung);
+  gate->unlock();  // the thread goes on with what it holds, and ends
+  for (int i = 0; i < 1000 && *hung; ++i) usleep(10000);
+  EXPECT_FALSE(*hung);
 }
 
 TEST(ServiceCaller, OneCallAtATimeAndItsAnswerOnce) {

@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <limits>
+#include <opencv2/calib3d.hpp>
 #include <stdexcept>
 
 #include "cameras.h"
@@ -30,7 +31,9 @@ Vector2d referencePixel(const CameraIntrinsics& c, const Vector3d& point) {
   const double x = point.x() / point.z(), y = point.y() / point.z(), r = std::hypot(x, y);
   Vector2d d;
   if (c.distortion_model == DistortionModel::kRadialTangential) {
-    const double radial = 1.0 + k(0) * std::pow(r, 2) + k(1) * std::pow(r, 4);
+    const Eigen::Vector4d& h = c.higher_radial_coeffs;
+    const double radial = (1.0 + k(0) * std::pow(r, 2) + k(1) * std::pow(r, 4) + h(0) * std::pow(r, 6)) /
+                          (1.0 + h(1) * std::pow(r, 2) + h(2) * std::pow(r, 4) + h(3) * std::pow(r, 6));
     d.x() = x * radial + 2.0 * k(2) * x * y + k(3) * (r * r + 2.0 * x * x);
     d.y() = y * radial + k(2) * (r * r + 2.0 * y * y) + 2.0 * k(3) * x * y;
   } else {
@@ -182,11 +185,47 @@ TEST_P(CameraModelOf, HasNothingToComplainAbout) {
 }
 
 std::string modelName(const ::testing::TestParamInfo<CameraIntrinsics>& info) {
-  return info.param.distortion_model == DistortionModel::kEquidistant ? "TumViEquidistant" : "EurocRadtan";
+  const char* const names[] = {"EurocRadtan", "TumViEquidistant", "PlumbBob", "Rational"};
+  return names[info.index];
 }
 
 INSTANTIATE_TEST_SUITE_P(Calibrations, CameraModelOf,
-                         ::testing::Values(test::eurocIntrinsics(), test::tumViIntrinsics()), modelName);
+                         ::testing::Values(test::eurocIntrinsics(), test::tumViIntrinsics(),
+                                           test::plumbBobIntrinsics(), test::rationalIntrinsics()),
+                         modelName);
+
+// Somebody else's implementation of the same models.
+TEST(CameraModel, AgreesWithOpenCV) {
+  for (const CameraIntrinsics& c :
+       {test::eurocIntrinsics(), test::plumbBobIntrinsics(), test::rationalIntrinsics()}) {
+    const CameraModel camera(c);
+    const cv::Matx33d K(c.intrinsics(0), 0.0, c.intrinsics(2), 0.0, c.intrinsics(1), c.intrinsics(3), 0.0,
+                        0.0, 1.0);
+    std::vector<double> D(c.distortion_coeffs.data(), c.distortion_coeffs.data() + 4);
+    D.insert(D.end(), c.higher_radial_coeffs.data(), c.higher_radial_coeffs.data() + 4);
+    RandomStates random(5);
+    for (int i = 0; i < 100; ++i) {
+      const Vector3d point(random.uniform(-1.0, 1.0), random.uniform(-1.0, 1.0), random.uniform(1.2, 10.0));
+      std::vector<cv::Point2d> pixels;
+      cv::projectPoints(std::vector<cv::Point3d>{{point.x(), point.y(), point.z()}}, cv::Vec3d(), cv::Vec3d(),
+                        K, D, pixels);
+      Vector2d pixel;
+      ASSERT_TRUE(camera.project(point, &pixel));
+      EXPECT_LT((pixel - Vector2d(pixels[0].x, pixels[0].y)).norm(), 1e-10);
+    }
+  }
+}
+
+TEST(CameraModel, RefusesWhereTheRationalFactorHasNoValue) {
+  CameraIntrinsics intrinsics = test::rationalIntrinsics();
+  intrinsics.distortion_coeffs.setZero();
+  intrinsics.higher_radial_coeffs << 0.0, -0.5, 0.0, 0.0;  // 1 - 0.5 r^2 = 0 at r = 1.414
+  const CameraModel camera(intrinsics);
+  Vector2d pixel;
+  EXPECT_TRUE(camera.project(Vector3d(1.3, 0.0, 1.0), &pixel));
+  EXPECT_FALSE(camera.project(Vector3d(1.43, 0.0, 1.0), &pixel));
+  EXPECT_FALSE(camera.project(Vector3d(5.0, 0.0, 1.0), &pixel));
+}
 
 TEST(CameraModel, ImageAxes) {
   // x to the right, y down, z forward.
@@ -299,8 +338,14 @@ TEST(CameraIntrinsics, EachValueIsChecked) {
     c = good;
     c.distortion_coeffs(i) = kInfinity;
     expectOneProblem(c);
+    c = good;
+    c.higher_radial_coeffs(i) = kNaN;
+    expectOneProblem(c);
   }
-  CameraIntrinsics c = good;
+  CameraIntrinsics c = test::tumViIntrinsics();
+  c.higher_radial_coeffs(0) = 0.1;
+  expectOneProblem(c);
+  c = good;
   c.width = 20001;
   expectOneProblem(c);
   c = good;

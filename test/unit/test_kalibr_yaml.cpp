@@ -35,6 +35,25 @@ KalibrCamchain exampleCamchain() {
   return camchain;
 }
 
+TEST(KalibrYaml, RoundTripOfRossLensModels) {
+  const TemporaryFolder folder;
+  const std::string imu =
+      "imu0: {update_rate: 200.0, accelerometer_noise_density: 0.01, accelerometer_random_walk: 0.0002,"
+      " gyroscope_noise_density: 0.005, gyroscope_random_walk: 4.0e-06}\n";
+  KalibrCamchain camchain = exampleCamchain();
+  camchain.camera.distortion_model = DistortionModel::kRadialTangential;
+  for (const Eigen::Vector4d& higher :
+       {Eigen::Vector4d(0.0, 0.0, 0.0, 0.0), Eigen::Vector4d(0.1, 0.0, 0.0, 0.0),
+        Eigen::Vector4d(0.1, 0.2, 0.3, 0.4), Eigen::Vector4d(0.0, 0.0, 0.0, 0.4)}) {
+    camchain.camera.higher_radial_coeffs = higher;
+    const RigModel rig = loadRigFile(folder.write("rig.yaml", kalibrCamchainText(camchain) + imu));
+    ASSERT_TRUE(rig.camera);
+    EXPECT_EQ(rig.camera->distortion_model, DistortionModel::kRadialTangential);
+    EXPECT_EQ(rig.camera->distortion_coeffs, camchain.camera.distortion_coeffs);
+    EXPECT_EQ(rig.camera->higher_radial_coeffs, higher);
+  }
+}
+
 TEST(KalibrYaml, RoundTrip) {
   const TemporaryFolder folder;
   const KalibrCamchain camchain = exampleCamchain();

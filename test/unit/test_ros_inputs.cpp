@@ -156,15 +156,33 @@ TEST(CameraInfoConversion, AppliesRegionThenBinning) {
   EXPECT_EQ(intrinsics->height, 200);
 }
 
-TEST(CameraInfoConversion, RationalPolynomialOnlyWithoutItsHigherTerms) {
-  sensor_msgs::CameraInfo message = toCameraInfo(1, eurocCamera(DistortionModel::kRadialTangential), "cam");
-  message.distortion_model = "rational_polynomial";
-  message.D.resize(8, 0.0);
+TEST(CameraInfoConversion, HigherRadialCoefficients) {
+  CameraIntrinsics intrinsics = eurocCamera(DistortionModel::kRadialTangential);
+  intrinsics.higher_radial_coeffs << 0.02, 0.0, 0.0, 0.0;
+  sensor_msgs::CameraInfo message = toCameraInfo(1, intrinsics, "cam");
+  EXPECT_EQ(message.distortion_model, "plumb_bob");
+  ASSERT_EQ(message.D.size(), 5u);
+  EXPECT_EQ(message.D[4], 0.02);
   std::string problem;
-  EXPECT_TRUE(toCameraIntrinsics(message, &problem)) << problem;
-  message.D[5] = 0.01;
-  EXPECT_FALSE(toCameraIntrinsics(message, &problem));
-  EXPECT_NE(problem.find("D[5]"), std::string::npos) << problem;
+  std::optional<CameraIntrinsics> back = toCameraIntrinsics(message, &problem);
+  ASSERT_TRUE(back) << problem;
+  EXPECT_EQ(back->higher_radial_coeffs, intrinsics.higher_radial_coeffs);
+
+  intrinsics.higher_radial_coeffs << 0.02, 0.5, -0.1, 0.03;
+  message = toCameraInfo(1, intrinsics, "cam");
+  EXPECT_EQ(message.distortion_model, "rational_polynomial");
+  back = toCameraIntrinsics(message, &problem);
+  ASSERT_TRUE(back) << problem;
+  EXPECT_EQ(back->distortion_coeffs, intrinsics.distortion_coeffs);
+  EXPECT_EQ(back->higher_radial_coeffs, intrinsics.higher_radial_coeffs);
+  for (const std::size_t more : {9, 12, 13, 14}) {  // thin prism, tilted sensor
+    message.D.resize(more, 0.0);
+    EXPECT_TRUE(toCameraIntrinsics(message, &problem)) << problem;
+    message.D.back() = 0.01;
+    EXPECT_FALSE(toCameraIntrinsics(message, &problem));
+    EXPECT_NE(problem.find("D[" + std::to_string(more - 1) + "]"), std::string::npos) << problem;
+    message.D.back() = 0.0;
+  }
 }
 
 TEST(CameraInfoConversion, NoCoefficientsMeanNoDistortion) {
@@ -208,9 +226,9 @@ TEST(CameraInfoConversion, RefusesWithTheFieldNamed) {
   EXPECT_FALSE(toCameraIntrinsics(bad, &problem));
   EXPECT_NE(problem.find("D has 2"), std::string::npos) << problem;
   bad = good;
-  bad.D[4] = 0.05;
+  bad.D[4] = std::numeric_limits<double>::quiet_NaN();
   EXPECT_FALSE(toCameraIntrinsics(bad, &problem));
-  EXPECT_NE(problem.find("D[4]"), std::string::npos) << problem;
+  EXPECT_NE(problem.find("k3"), std::string::npos) << problem;
   bad = good;
   bad.height = 0;
   EXPECT_FALSE(toCameraIntrinsics(bad, &problem));

@@ -1,4 +1,4 @@
-// Pinhole cameras with radial-tangential or equidistant (fisheye) distortion.
+// Pinhole cameras with radial-tangential (also rational) or equidistant (fisheye) distortion.
 #pragma once
 
 #include <Eigen/Core>
@@ -15,8 +15,11 @@ struct CameraIntrinsics {
   DistortionModel distortion_model = DistortionModel::kRadialTangential;
   Eigen::Vector4d intrinsics = Eigen::Vector4d::Zero();         ///< fu fv pu pv [px]
   Eigen::Vector4d distortion_coeffs = Eigen::Vector4d::Zero();  ///< k1 k2 p1 p2, or k1 k2 k3 k4 [-]
-  int width = 0;                                                ///< [px]
-  int height = 0;                                               ///< [px]
+  /// k3 k4 k5 k6 of the radial-tangential model as OpenCV and ROS have it (plumb_bob, rational_polynomial): the radial
+  /// factor is (1 + k1 r^2 + k2 r^4 + k3 r^6) / (1 + k4 r^2 + k5 r^4 + k6 r^6). Zero in Kalibr's radtan [-].
+  Eigen::Vector4d higher_radial_coeffs = Eigen::Vector4d::Zero();
+  int width = 0;   ///< [px]
+  int height = 0;  ///< [px]
 
   /// Everything that is wrong with the values, one sentence each; empty when usable.
   std::vector<std::string> validate() const;

@@ -30,7 +30,9 @@ ServiceAnswer callService(const std::string& name, const typename Service::Reque
   return {static_cast<bool>(response.success), response.message};
 }
 
-/// One call at a time. The destructor does not wait for a call that is under way.
+/// One call at a time. The destructor gives a call that is under way a second to end, and leaves it to itself then: a
+/// service may hang for ever. Its thread keeps what it needs, and the library of the panel is linked so that it stays in
+/// memory when rviz unloads it.
 class ServiceCaller {
  public:
   ServiceCaller();
