@@ -9,7 +9,10 @@
 namespace autocal_vio {
 
 BaseFrame::BaseFrame(std::string base_frame, std::optional<UrdfText> robot_description)
-    : base_frame_(std::move(base_frame)), robot_description_(std::move(robot_description)) {}
+    : base_frame_(std::move(base_frame)), robot_description_(std::move(robot_description)) {
+  if (base_frame_.empty() || (robot_description_ && urdfHasLink(*robot_description_, base_frame_))) return;
+  listen();  // from now on: it takes a while until tf knows everything
+}
 
 const std::string& BaseFrame::childFrame(const std::string& imu_frame) const {
   return base_frame_.empty() ? imu_frame : base_frame_;
@@ -37,11 +40,13 @@ void BaseFrame::lookUpInUrdf(const std::string& imu_frame) {
   }
 }
 
+void BaseFrame::listen() {
+  buffer_ = std::make_unique<tf2_ros::Buffer>();
+  listener_ = std::make_unique<tf2_ros::TransformListener>(*buffer_);
+}
+
 std::optional<Transform> BaseFrame::lookUpInTf(const std::string& imu_frame, std::string* problem) {
-  if (!buffer_) {
-    buffer_ = std::make_unique<tf2_ros::Buffer>();
-    listener_ = std::make_unique<tf2_ros::TransformListener>(*buffer_);
-  }
+  if (!buffer_) listen();
   try {
     const geometry_msgs::TransformStamped found =
         buffer_->lookupTransform(imu_frame, base_frame_, ros::Time(0));

@@ -104,8 +104,10 @@ TEST(BaseFrame, ComesFromTheRobotDescription) {
     EXPECT_FALSE(turning.inImu("imu", &problem));
     EXPECT_NE(problem.find("yaw_joint"), std::string::npos) << problem;
   }
-  BaseFrame same("imu", std::nullopt);
-  EXPECT_TRUE(same.inImu("imu", &problem));
+  BaseFrame imu("imu", robot), none("", std::nullopt);
+  EXPECT_TRUE(imu.inImu("imu", &problem));
+  EXPECT_TRUE(none.inImu("imu", &problem));
+  EXPECT_EQ(none.childFrame("imu"), "imu");
 }
 
 TEST(OdometryConversion, CovarianceOfTheBaseMatchesMonteCarlo) {

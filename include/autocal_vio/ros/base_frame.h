@@ -15,7 +15,8 @@ namespace autocal_vio {
 /// Called from one thread.
 class BaseFrame {
  public:
-  /// `base_frame` empty: odometry speaks of the IMU frame itself. tf is listened to only once it is needed.
+  /// `base_frame` empty: odometry speaks of the IMU frame itself. tf is listened to where the
+  /// robot description has no such link.
   BaseFrame(std::string base_frame, std::optional<UrdfText> robot_description);
 
   /// Name of the frame that odometry speaks of.
@@ -26,6 +27,7 @@ class BaseFrame {
   std::optional<Transform> inImu(const std::string& imu_frame, std::string* problem);
 
  private:
+  void listen();
   void lookUpInUrdf(const std::string& imu_frame);
   std::optional<Transform> lookUpInTf(const std::string& imu_frame, std::string* problem);
 
