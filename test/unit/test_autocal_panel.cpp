@@ -94,8 +94,8 @@ TEST_F(AutocalPanelTest, AnHourOfMessagesAtSpeed) {
   std::printf("%zu redraws: CPU time median %.1f ms, 99 %% %.1f ms, worst %.1f ms; memory grew by %.1f MB\n",
               times.size(), times[times.size() / 2], times[times.size() * 99 / 100], times.back(), growth);
   EXPECT_EQ(panel_.history().end() - panel_.history().begin(), fromSeconds(0.05 * (kHour - 1)));
+#ifdef AUTOCAL_VIO_OPTIMIZED  // the address sanitizer keeps what has been freed
   EXPECT_LT(growth, 100.0);
-#ifdef AUTOCAL_VIO_OPTIMIZED
   EXPECT_LT(times[times.size() / 2], 20.0);
   EXPECT_LT(times[times.size() * 99 / 100], 40.0);
 #endif
