@@ -19,9 +19,12 @@ constexpr double kSmallestTrackShare =
 constexpr std::size_t kFewestPoints = 8;    // seen before, or the image ties nothing to the window
 constexpr double kLongestBridgedGap = 0.5;  // [s] without IMU samples
 constexpr double kGapNoiseFactor = 20.0;    // noise across a gap in the IMU samples
-constexpr double kLargestSpeed = 100.0;     // [m/s]
-constexpr double kLargestGyroBias = 1.0;    // [rad/s]
-constexpr double kLargestAccelBias = 5.0;   // [m/s^2]
+constexpr double kStandingSpeed = 0.1;      // [m/s] an estimate of more, by kStandingSigmas, does not stand
+constexpr double kStandingSigmas = 5.0;
+constexpr std::size_t kKeyframesForDepth = 3;  // after standing, until depths are known again
+constexpr double kLargestSpeed = 100.0;        // [m/s]
+constexpr double kLargestGyroBias = 1.0;       // [rad/s]
+constexpr double kLargestAccelBias = 5.0;      // [m/s^2]
 
 // Mean displacement of common tracks [px] once the rotation between the frames is taken out, and their number.
 std::pair<double, int> rotationCompensatedParallax(const FrameState& a, const FrameState& b,
@@ -39,6 +42,15 @@ std::pair<double, int> rotationCompensatedParallax(const FrameState& a, const Fr
     ++count;
   }
   return {count > 0 ? sum / count : 0.0, count};
+}
+
+// Tracks that began while standing have no depth yet, and a pose cannot be taken from them with their depths held.
+bool hasJustSetOff(const VisualInertialGraph& graph) {
+  const std::deque<FrameState>& frames = graph.frames();
+  const std::size_t last = frames.size() - 1;
+  for (std::size_t i = 1; i <= std::min(kKeyframesForDepth, last); ++i)
+    if (frames[last - i].standstill) return true;
+  return false;
 }
 
 }  // namespace
@@ -85,11 +97,14 @@ bool appendPredictedFrame(const FeatureFrame& frame, const ImuBuffer& imu, const
 
 SlidingWindowEstimator::SlidingWindowEstimator(VisualInertialGraph graph, const NoiseAdaptation& noise,
                                                const EstimatorOptions& options)
-    : options_(options), graph_(std::move(graph)), noise_(noise) {
+    : options_(options),
+      graph_(std::move(graph)),
+      noise_(noise),
+      standstill_({options.standstill_time, options.standstill_disparity, options.standstill_imu_ratio}) {
   graph_.landmarkMap().closeFullLandmarks();
   while (static_cast<int>(graph_.frames().size()) > options_.window_keyframes) graph_.marginalizeOldest();
   last_sighted_ = newest().stamp;
-  updateCovariance();
+  updateCovariance(newest().id);
   sighted_position_sigma_ = positionSigma();
 }
 
@@ -108,22 +123,72 @@ EstimatorResult SlidingWindowEstimator::process(const FeatureFrame& frame, const
   if (!problem.empty() || !appendPredictedFrame(frame, imu, noise_.noise(), &graph_, &problem))
     return fail(problem, false);
   if (!newest_is_keyframe_) graph_.dropSecondNewest();
-  newest_is_keyframe_ = isKeyframe();
-  const SolveSummary summary = newest_is_keyframe_ ? graph_.solve(options_.max_iterations, kFunctionTolerance)
-                                                   : graph_.solveNewest(options_.max_iterations);
+  const bool resting = noticesStandstill(frame, imu);
+  const FrameState& last = graph_.frames()[graph_.frames().size() - 2];
+  if (!resting || last.stamp < standstill_.restingSince()) return estimate(result, resting);
+  problem = stand(imu);
+  if (!problem.empty()) return fail(problem, true);
+  if (standstill_.imageAtRest()) last_sighted_ = frame.stamp;
+  return result;
+}
+
+// `resting`: the standstill has just begun, and needs a keyframe to stand in.
+EstimatorResult SlidingWindowEstimator::estimate(EstimatorResult result, bool resting) {
+  standing_frame_.reset();
+  newest_is_keyframe_ = resting || isKeyframe();
+  const SolveSummary summary = newest_is_keyframe_ || hasJustSetOff(graph_)
+                                   ? graph_.solve(options_.max_iterations, kFunctionTolerance)
+                                   : graph_.solveNewest(options_.max_iterations);
   if (!summary.usable) return fail("the solver failed", true);
-  problem = findFault();
+  const std::string problem = findFault();
   if (!problem.empty()) return fail(problem, true);
   const bool sighted = newestIsTied();
   if (newest_is_keyframe_)
     graph_.dropOutliers(std::max(kMinOutlierPx, kOutlierSigmas * graph_.options().pixel_sigma));
-  if (!sighted) updateCovariance();
+  if (!sighted) updateCovariance(newest().id);
   if (sighted) {
-    last_sighted_ = frame.stamp;
+    last_sighted_ = newest().stamp;
     sighted_position_sigma_ = positionSigma();
   }
   keyframe_unfinished_ = newest_is_keyframe_;
   return result;
+}
+
+bool SlidingWindowEstimator::noticesStandstill(const FeatureFrame& frame, const ImuBuffer& imu) {
+  const FrameState& state = newest();
+  const TimeNs now = state.stamp + fromSeconds(state.reference_td);
+  StandstillContext context;
+  context.imu = imu.slice(now - fromSeconds(standstill_.time()), now);
+  context.noise = noise_.noise();
+  context.gyroscope_bias = state.bias().gyroscope;
+  context.pixel_sigma = graph_.options().pixel_sigma;
+  if (covariance_) {
+    const Eigen::VectorXd sigma =
+        options_.sigma_inflation *
+        covariance_->block({covariance_frame_, BlockKind::kMotion}).diagonal().cwiseMax(0.0).cwiseSqrt();
+    context.sigma_gyroscope_bias = sigma.segment<3>(3).maxCoeff();
+    context.velocity_may_be_zero =
+        state.velocity().norm() < kStandingSpeed + kStandingSigmas * sigma.head<3>().maxCoeff();
+  }
+  return standstill_.update(frame, context) && covariance_ && graph_.frames().size() > 2;
+}
+
+// Returns what went wrong; empty when nothing did.
+std::string SlidingWindowEstimator::stand(const ImuBuffer& imu) {
+  const FrameId frame = graph_.frames()[graph_.frames().size() - 2].id;
+  newest_is_keyframe_ = false;
+  if (standing_frame_) {
+    if (standing_frame_->follow(imu, noise_.noise(), &graph_)) updateCovariance(frame);
+    return "";
+  }
+  StandingFrame::declare(options_.standstill_velocity_sigma, &graph_);
+  if (!graph_.solve(options_.max_iterations, kFunctionTolerance).usable) return "the solver failed";
+  const std::string problem = findFault();
+  if (!problem.empty()) return problem;
+  updateCovariance(frame);
+  standing_frame_.emplace(covariance_->block({frame, BlockKind::kMotion}), &graph_);
+  standing_frame_->follow(imu, noise_.noise(), &graph_);
+  return "";
 }
 
 // Nothing of it changes the newest pose, so it waits for the next image: the odometry is out sooner, and no image bears
@@ -131,7 +196,7 @@ EstimatorResult SlidingWindowEstimator::process(const FeatureFrame& frame, const
 bool SlidingWindowEstimator::finishKeyframe() {
   if (!keyframe_unfinished_) return false;
   keyframe_unfinished_ = false;
-  updateCovariance();
+  updateCovariance(newest().id);
   adaptNoise();
   adaptPixelSigma();
   graph_.landmarkMap().closeFullLandmarks();
@@ -140,11 +205,11 @@ bool SlidingWindowEstimator::finishKeyframe() {
 }
 
 // A singular problem leaves the covariance that was: none would read as perfect knowledge.
-void SlidingWindowEstimator::updateCovariance() {
+void SlidingWindowEstimator::updateCovariance(FrameId frame) {
   std::optional<GraphCovariance> covariance = graph_.covariance();
   if (!covariance) return;
   covariance_ = std::move(covariance);
-  covariance_frame_ = newest().id;
+  covariance_frame_ = frame;
 }
 
 double SlidingWindowEstimator::positionSigma() const {

@@ -69,15 +69,34 @@ void LandmarkMap::addObservations(const FrameState& frame) {
       landmarks_.at(open->second).observations.push_back({frame.id, feature});
       continue;
     }
-    Landmark landmark;
-    landmark.id = next_id_++;
-    landmark.track_id = feature.track_id;
-    landmark.max_observations = shortest_ + static_cast<int>(landmark.id % (longest_ - shortest_ + 1));
-    landmark.observations.push_back({frame.id, feature});
-    open_by_track_[feature.track_id] = landmark.id;
-    landmarks_.emplace(landmark.id, std::move(landmark));
+    beginLandmark(frame.id, feature);
   }
   wandering_ = std::move(still_wandering);
+}
+
+void LandmarkMap::beginLandmark(FrameId frame, const Feature& feature) {
+  Landmark landmark;
+  landmark.id = next_id_++;
+  landmark.track_id = feature.track_id;
+  landmark.max_observations = shortest_ + static_cast<int>(landmark.id % (longest_ - shortest_ + 1));
+  landmark.observations.push_back({frame, feature});
+  open_by_track_[feature.track_id] = landmark.id;
+  landmarks_.emplace(landmark.id, std::move(landmark));
+}
+
+void LandmarkMap::renewTracks(const FrameState& frame) {
+  std::set<std::int64_t> tracks;
+  for (const Feature& feature : frame.features) tracks.insert(feature.track_id);
+  for (auto it = landmarks_.begin(); it != landmarks_.end();) {
+    auto current = it++;
+    const Landmark& landmark = current->second;
+    if (landmark.observations.size() == 1 && landmark.observations.front().frame == frame.id &&
+        tracks.count(landmark.track_id) == 0)
+      erase(current);
+  }
+  for (const Feature& feature : frame.features)
+    if (wandering_.count(feature.track_id) == 0 && open_by_track_.count(feature.track_id) == 0)
+      beginLandmark(frame.id, feature);
 }
 
 void LandmarkMap::erase(std::map<std::int64_t, Landmark>::iterator it) {

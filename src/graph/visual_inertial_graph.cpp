@@ -20,6 +20,7 @@ constexpr double kInverseDepthPriorSigma =
     50.0;  // [1/m] all landmarks share it: tighter, and a near scene pulls the scale
 constexpr double kRayleighMedian = 1.17741;     // of the length of a 2-vector with unit normal components
 constexpr double kUnknownVelocitySigma = 10.0;  // [m/s]
+constexpr double kUnknownBiasSigma = 1e3;       // [m/s^2]
 
 constexpr BlockKey kRotationKey{-1, BlockKind::kExtrinsicRotation};
 constexpr BlockKey kTranslationKey{-1, BlockKind::kExtrinsicTranslation};
@@ -209,6 +210,18 @@ void VisualInertialGraph::appendFirstFramePrior(std::vector<Factor>* factors) co
                       {blockOf({prior.frame, BlockKind::kMotion})}});
 }
 
+void VisualInertialGraph::appendStandstill(const FrameState& frame, std::vector<Factor>* factors) const {
+  if (!frame.standstill) return;
+  const StandstillMeasurement& measured = *frame.standstill;
+  Vector9d mean, sigma;
+  mean << Eigen::Vector3d::Zero(), measured.gyroscope_bias, Eigen::Vector3d::Zero();
+  sigma << Eigen::Vector3d::Constant(measured.sigma_velocity),
+      Eigen::Vector3d::Constant(measured.sigma_gyroscope_bias), Eigen::Vector3d::Constant(kUnknownBiasSigma);
+  factors->push_back({std::make_unique<DiagonalPriorFactor<9>>(mean, sigma),
+                      0.0,
+                      {blockOf({frame.id, BlockKind::kMotion})}});
+}
+
 void VisualInertialGraph::appendMarginalPrior(std::vector<Factor>* factors) const {
   if (!marginal_prior_) return;
   const MarginalPrior& prior = *marginal_prior_;
@@ -233,6 +246,7 @@ void VisualInertialGraph::appendCalibrationPrior(std::vector<Factor>* factors) c
 std::vector<Factor> VisualInertialGraph::allFactors() const {
   std::vector<Factor> factors = imuFactors();
   appendFirstFramePrior(&factors);
+  for (const FrameState& frame : frames_) appendStandstill(frame, &factors);
   appendMarginalPrior(&factors);
   appendCalibrationPrior(&factors);
   for (const auto& [id, landmark] : landmarks_.landmarks()) appendLandmarkFactors(landmark, &factors);
@@ -312,6 +326,7 @@ void VisualInertialGraph::marginalizeOldest() {
   std::vector<Factor> factors;
   factors.push_back(imuFactor(1));
   if (first_frame_prior_ && first_frame_prior_->frame == oldest) appendFirstFramePrior(&factors);
+  appendStandstill(frames_.front(), &factors);
   appendMarginalPrior(&factors);
   for (const Landmark& landmark : consumed) appendLandmarkFactors(landmark, &factors);
   const LinearSystem system = marginalizeFirst(linearize(factors, blocksOf(keys)), 15);

@@ -83,15 +83,25 @@ void Preintegration::integrateStep(const ImuSample& begin, const ImuSample& end)
   // What white noise varies within the step moves the position alone: dt^3 / 3 in all, of which a held one has
   // dt^3 / 4. Without it, position and velocity would be fully correlated after a single step.
   covariance_.diagonal().segment<3>(kPosition).array() += accel * dt * dt * dt * dt / 12.0;
-  const double gyro_walk = noise_.gyroscope_random_walk, accel_walk = noise_.accelerometer_random_walk;
-  covariance_.diagonal().segment<3>(kGyroBias).array() += gyro_walk * gyro_walk * dt;
-  covariance_.diagonal().segment<3>(kAccelBias).array() += accel_walk * accel_walk * dt;
+  addBiasWalk(dt);
   jacobian_ = (F * jacobian_).eval();
 
   increment_.rotation = q1;
   increment_.velocity += dv;
   increment_.position += dp;
   duration_ += dt;
+}
+
+void Preintegration::addBiasWalk(double seconds) {
+  const double gyro_walk = noise_.gyroscope_random_walk, accel_walk = noise_.accelerometer_random_walk;
+  covariance_.diagonal().segment<3>(kGyroBias).array() += gyro_walk * gyro_walk * seconds;
+  covariance_.diagonal().segment<3>(kAccelBias).array() += accel_walk * accel_walk * seconds;
+}
+
+Preintegration Preintegration::withBiasWalk(double seconds) const {
+  Preintegration result = *this;
+  result.addBiasWalk(seconds);
+  return result;
 }
 
 Preintegration Preintegration::joined(const Preintegration& next) const {

@@ -325,12 +325,15 @@ void Session::fillState(VioUpdate* update) const {
                   : monitor_.converged() ? VioState::kConverged
                                          : VioState::kEstimating;
   update->reason = frozen ? "the extrinsics are held" : monitor_.reason();
+  if (estimator_->standing())
+    update->reason = "standing still, pose and calibration do not change; " + update->reason;
   update->motion_advice = frozen ? "" : monitor_.motionAdvice();
   const double blind = estimator_->blindTime();
   if (blind < kBlindRemark) return;
   std::ostringstream text;
   text.precision(2);
-  text << "no usable image for " << blind << " s, going on with the IMU alone";
+  text << "no usable image for " << blind << " s, "
+       << (estimator_->standing() ? "standing still as the IMU says" : "going on with the IMU alone");
   update->reason = text.str();
   update->motion_advice.clear();
 }

@@ -12,6 +12,10 @@ struct EstimatorOptions {
   double gravity_magnitude = 9.81;
   double sigma_inflation = 1.1;
   double image_accuracy = 0.1;
+  double standstill_time = 1.0;
+  double standstill_disparity = 3.0;
+  double standstill_imu_ratio = 2.0;
+  double standstill_velocity_sigma = 0.01;
   double max_blind_time = 10.0;
   double max_position_drift = 1.0;
 
@@ -33,6 +37,16 @@ struct EstimatorOptions {
     visit("image_accuracy", image_accuracy, 0, 10,
           "error of lens model and images that no averaging takes away: least sigma of R_BC times the focal "
           "length [px]");
+    visit("standstill_time", standstill_time, 0.5, 10,
+          "standing once image and IMU have been at rest for this time [s]");
+    visit(
+        "standstill_disparity", standstill_disparity, 0, 20,
+        "largest median displacement of the tracks at rest, in pixel sigmas, of which white noise makes 1.7; "
+        "0: never standing [-]");
+    visit("standstill_imu_ratio", standstill_imu_ratio, 1, 20,
+          "largest slow variation of the IMU at rest over that of its noise as found in motion [-]");
+    visit("standstill_velocity_sigma", standstill_velocity_sigma, 1e-4, 1,
+          "sigma of the zero velocity while standing [m/s]");
     visit("max_blind_time", max_blind_time, 0.5, 60, "lost after this time without usable images [s]");
     visit("max_position_drift", max_position_drift, 0.05, 100,
           "lost once the sigma of the position has grown by this without usable images [m]");

@@ -6,6 +6,8 @@
 #include <vector>
 
 #include "autocal_vio/estimator/estimator_options.h"
+#include "autocal_vio/estimator/standing_frame.h"
+#include "autocal_vio/estimator/standstill_detector.h"
 #include "autocal_vio/graph/noise_adaptation.h"
 #include "autocal_vio/graph/visual_inertial_graph.h"
 #include "autocal_vio/imu/imu_buffer.h"
@@ -42,6 +44,9 @@ class SlidingWindowEstimator {
   /// Time for which no image has been of use: the estimate rests on the IMU alone [s]. 0 as long as points are tracked.
   double blindTime() const { return toSeconds(newest().stamp - last_sighted_); }
 
+  /// The rig stands still: pose and calibration keep every bit.
+  bool standing() const { return standing_frame_.has_value(); }
+
   /// Covariance as of the last keyframe before the newest image, or of the last image while blind; the frame it holds
   /// for.
   const std::optional<GraphCovariance>& covariance() const { return covariance_; }
@@ -51,8 +56,11 @@ class SlidingWindowEstimator {
   EstimatorResult fail(const std::string& problem, bool diverged) const;
   bool isKeyframe() const;
   bool finishKeyframe();
+  EstimatorResult estimate(EstimatorResult result, bool resting);
+  bool noticesStandstill(const FeatureFrame& frame, const ImuBuffer& imu);
+  std::string stand(const ImuBuffer& imu);
   bool newestIsTied() const;
-  void updateCovariance();
+  void updateCovariance(FrameId frame);
   double positionSigma() const;
   std::string findLoss(TimeNs stamp) const;
   void adaptNoise();
@@ -62,6 +70,8 @@ class SlidingWindowEstimator {
   EstimatorOptions options_;
   VisualInertialGraph graph_;
   NoiseAdaptation noise_;
+  StandstillDetector standstill_;
+  std::optional<StandingFrame> standing_frame_;
   bool newest_is_keyframe_ = true;
   bool keyframe_unfinished_ = false;  ///< covariance, noise and marginalisation wait for the next image
   std::optional<GraphCovariance> covariance_;

@@ -6,6 +6,7 @@
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "autocal_vio/frontend/feature.h"
@@ -15,6 +16,13 @@
 namespace autocal_vio {
 
 using FrameId = std::int64_t;
+
+/// What a frame in which the rig stands still says of its motion, docs/derivation.md (D35).
+struct StandstillMeasurement {
+  double sigma_velocity = 0.01;                              ///< of a velocity of zero [m/s]
+  Eigen::Vector3d gyroscope_bias = Eigen::Vector3d::Zero();  ///< mean reading while standing [rad/s]
+  double sigma_gyroscope_bias = 1e3;                         ///< so large: no reading yet [rad/s]
+};
 
 struct FrameState {
   FrameId id = 0;
@@ -26,6 +34,7 @@ struct FrameState {
       Eigen::Vector3d::Zero();                     ///< gyroscope at that time, with bias [rad/s]
   std::shared_ptr<Preintegration> preintegration;  ///< from the frame before; null at the first frame
   std::vector<Feature> features;
+  std::optional<StandstillMeasurement> standstill;
 
   Eigen::Map<const Eigen::Vector3d> position() const {
     return Eigen::Map<const Eigen::Vector3d>(pose.data());

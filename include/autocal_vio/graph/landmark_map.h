@@ -47,6 +47,10 @@ class LandmarkMap {
   /// Adds the features of a frame as observations, but for those of tracks that wander.
   void addObservations(const FrameState& frame);
 
+  /// The newest of the frames added is seen again from the same place, in a later image whose features it now holds:
+  /// tracks that are new begin landmarks in it, and landmarks that nothing but it has seen go with their tracks.
+  void renewTracks(const FrameState& frame);
+
   /// Forgets the frame's observations; landmarks left without any go.
   void removeObservations(FrameId frame);
 
@@ -76,6 +80,7 @@ class LandmarkMap {
   const std::map<std::int64_t, Landmark>& landmarks() const { return landmarks_; }
 
  private:
+  void beginLandmark(FrameId frame, const Feature& feature);
   void erase(std::map<std::int64_t, Landmark>::iterator it);
 
   int shortest_, longest_;

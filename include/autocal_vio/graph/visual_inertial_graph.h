@@ -121,6 +121,7 @@ class VisualInertialGraph {
   void appendLandmarkFactors(const Landmark& landmark, std::vector<Factor>* factors) const;
   std::vector<Factor> newestFrameFactors() const;
   void appendFirstFramePrior(std::vector<Factor>* factors) const;
+  void appendStandstill(const FrameState& frame, std::vector<Factor>* factors) const;
   void appendMarginalPrior(std::vector<Factor>* factors) const;
   void appendCalibrationPrior(std::vector<Factor>* factors) const;
   std::vector<Factor> allFactors() const;

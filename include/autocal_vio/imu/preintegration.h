@@ -43,6 +43,9 @@ class Preintegration {
   /// This interval followed by `next`, which must begin where this one ends.
   Preintegration joined(const Preintegration& next) const;
 
+  /// This interval, with biases that walk on for `seconds` at its end while nothing else changes.
+  Preintegration withBiasWalk(double seconds) const;
+
   /// Increments at `bias`, to first order about the linearisation bias, Eq. (4).
   ImuIncrement corrected(const ImuBias& bias) const;
 
@@ -64,6 +67,7 @@ class Preintegration {
   Eigen::Matrix3d positionByAccelBias() const { return jacobian_.block<3, 3>(kPosition, kAccelBias); }
 
  private:
+  void addBiasWalk(double seconds);
   void integrateStep(const ImuSample& begin, const ImuSample& end);
 
   std::vector<ImuSample> samples_;

@@ -1,0 +1,112 @@
+#include "autocal_vio/estimator/standstill_detector.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace autocal_vio {
+namespace {
+
+constexpr std::size_t kFewestPoints = 8;  // common to two images, or they say nothing
+constexpr double kSmallestShare = 0.5;    // of an image's points found again, or they say nothing
+constexpr double kReferenceTime = 5.0;    // [s] the reference is no older: tracks wander slowly even at rest
+constexpr double kBlockTime = 0.1;  // [s] IMU samples are averaged over it: motion is slow, and noise is not
+constexpr int kFewestBlocks = 4;
+constexpr double kRateSigmas = 4.0;    // a mean angular rate this far from the bias is a turn
+constexpr double kSlowestTurn = 5e-3;  // [rad/s] below it the image decides
+
+// Means of the IMU's readings [gyroscope, accelerometer] over blocks of time.
+using Reading = Eigen::Matrix<double, 6, 1>;
+std::vector<Reading> blockMeans(const std::vector<ImuSample>& samples) {
+  std::vector<Reading> means;
+  Reading sum = Reading::Zero();
+  int count = 0;
+  TimeNs begin = samples.empty() ? 0 : samples.front().stamp;
+  for (const ImuSample& sample : samples) {
+    sum.head<3>() += sample.angular_velocity;
+    sum.tail<3>() += sample.acceleration;
+    ++count;
+    if (toSeconds(sample.stamp - begin) < kBlockTime) continue;
+    means.push_back(sum / count);
+    sum.setZero();
+    count = 0;
+    begin = sample.stamp;
+  }
+  return means;
+}
+
+}  // namespace
+
+StandstillDetector::Verdict StandstillDetector::compare(const View& before, const View& now,
+                                                        double largest_displacement) {
+  std::vector<double> displacements;
+  auto it = before.points.begin();
+  for (const Point& point : now.points) {
+    while (it != before.points.end() && it->track_id < point.track_id) ++it;
+    if (it == before.points.end()) break;
+    if (it->track_id == point.track_id) displacements.push_back((point.pixel - it->pixel).norm());
+  }
+  if (displacements.size() < kFewestPoints ||
+      static_cast<double>(displacements.size()) < kSmallestShare * static_cast<double>(before.points.size()))
+    return Verdict::kUnknown;
+  const auto middle = displacements.begin() + static_cast<std::ptrdiff_t>(displacements.size() / 2);
+  std::nth_element(displacements.begin(), middle, displacements.end());
+  return *middle < largest_displacement ? Verdict::kAtRest : Verdict::kMoving;
+}
+
+// White noise leaves block means with a variance of density^2 / block time. Gravity and the accelerometer's bias are in
+// all of them alike, so neither has to be known.
+bool StandstillDetector::imuAtRest(const StandstillContext& context) const {
+  const std::vector<Reading> means = blockMeans(context.imu);
+  if (static_cast<int>(means.size()) < kFewestBlocks) return false;
+  const double count = static_cast<double>(means.size());
+  Reading mean = Reading::Zero(), squares = Reading::Zero();
+  for (const Reading& m : means) mean += m / count;
+  for (const Reading& m : means) squares += (m - mean).cwiseAbs2() / (count - 1.0);
+  const double gyro = context.noise.gyroscope_noise_density,
+               accel = context.noise.accelerometer_noise_density;
+  const double largest = criteria_.imu_ratio * criteria_.imu_ratio / kBlockTime;
+  if (squares.head<3>().mean() > largest * gyro * gyro) return false;
+  if (squares.tail<3>().mean() > largest * accel * accel) return false;
+  const double sigma = std::hypot(context.sigma_gyroscope_bias, gyro / std::sqrt(count * kBlockTime));
+  return (mean.head<3>() - context.gyroscope_bias).norm() < std::max(kSlowestTurn, kRateSigmas * sigma);
+}
+
+bool StandstillDetector::begins(const StandstillContext& context, double largest_displacement) {
+  const View &before = recent_.front(), &now = recent_.back();
+  if (toSeconds(now.stamp - before.stamp) < criteria_.time) return false;
+  image_at_rest_ = compare(before, now, largest_displacement) == Verdict::kAtRest;
+  if (!image_at_rest_ || !context.velocity_may_be_zero || !imuAtRest(context)) return false;
+  reference_ = before;
+  resting_since_ = before.stamp;
+  return true;
+}
+
+bool StandstillDetector::goesOn(const StandstillContext& context, double largest_displacement) {
+  const View &before = recent_.front(), &now = recent_.back();
+  const Verdict since_reference = compare(*reference_, now, largest_displacement);
+  const Verdict recently = compare(before, now, largest_displacement);
+  image_at_rest_ = since_reference == Verdict::kAtRest || recently == Verdict::kAtRest;
+  if (since_reference == Verdict::kMoving || recently == Verdict::kMoving || !imuAtRest(context)) {
+    recent_.erase(recent_.begin(), recent_.end() - 1);
+    reference_.reset();
+    image_at_rest_ = false;
+    return false;
+  }
+  if (since_reference == Verdict::kUnknown || toSeconds(now.stamp - reference_->stamp) > kReferenceTime)
+    reference_ = before;
+  return true;
+}
+
+bool StandstillDetector::update(const FeatureFrame& frame, const StandstillContext& context) {
+  View view;
+  view.stamp = frame.stamp;
+  view.points.reserve(frame.features.size());
+  for (const Feature& feature : frame.features) view.points.push_back({feature.track_id, feature.pixel});
+  recent_.push_back(std::move(view));
+  while (recent_.size() > 2 && toSeconds(frame.stamp - recent_[1].stamp) >= criteria_.time)
+    recent_.pop_front();
+  const double largest_displacement = criteria_.disparity * context.pixel_sigma;
+  return reference_ ? goesOn(context, largest_displacement) : begins(context, largest_displacement);
+}
+
+}  // namespace autocal_vio
