@@ -138,7 +138,7 @@ TEST_P(Standstill, MinutesDoNotMoveTheEstimate) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Noise, Standstill, ::testing::Values(Case{"white", false}, Case{"realistic", true}),
-                         [](const auto& info) { return info.param.name; });
+                         [](const auto& tested) { return tested.param.name; });
 
 // A covered lens while standing: the IMU alone keeps it up, until it has been too long.
 TEST(StandstillFaults, CoveredLensWhileStanding) {
