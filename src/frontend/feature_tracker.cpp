@@ -9,9 +9,10 @@
 namespace autocal_vio {
 namespace {
 
-constexpr double kBorder = 4.0;              // [px] a patch nearer to the edge is mostly outside
-constexpr std::size_t kMinForOutliers = 12;  // tracks for a two-view geometry
-constexpr double kMinEigenvalue = 1e-4;      // of the patch's gradient matrix: below it is no texture
+constexpr double kBorder = 4.0;                // [px] a patch nearer to the edge is mostly outside
+constexpr std::size_t kMinForOutliers = 12;    // tracks for a two-view geometry
+constexpr float kLargestMagnification = 2.0F;  // of a reference, or its inverse
+constexpr double kMinEigenvalue = 1e-4;        // of the patch's gradient matrix: below it is no texture
 const cv::TermCriteria kTermination(cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 30, 0.01);
 
 cv::Point2f toCv(const Eigen::Vector2d& v) {
@@ -41,7 +42,7 @@ FeatureFrame FeatureTracker::track(TimeNs stamp, const cv::Mat& image,
   std::vector<cv::Mat> pyramid;
   const cv::Size patch(options_.patch_size, options_.patch_size);
   cv::buildOpticalFlowPyramid(image, pyramid, patch, options_.pyramid_levels);
-  if (!pyramid_.empty() && !tracks_.empty()) trackForward(pyramid, R_previous_current);
+  if (!pyramid_.empty() && !tracks_.empty()) trackForward(image, pyramid, R_previous_current);
   addCorners(image);
   pyramid_ = std::move(pyramid);
 
@@ -67,34 +68,66 @@ std::vector<cv::Point2f> FeatureTracker::predict(
   return predicted;
 }
 
-void FeatureTracker::trackForward(const std::vector<cv::Mat>& pyramid,
+void FeatureTracker::trackForward(const cv::Mat& image, const std::vector<cv::Mat>& pyramid,
                                   const std::optional<Eigen::Matrix3d>& R_previous_current) {
   std::vector<cv::Point2f> before, after = predict(R_previous_current);
   for (const Track& track : tracks_) before.push_back(track.pixel);
-  std::vector<cv::Point2f> back = before;
-  std::vector<uchar> forward_found, backward_found;
+  std::vector<uchar> good;
   const cv::Size patch(options_.patch_size, options_.patch_size);
-  cv::calcOpticalFlowPyrLK(pyramid_, pyramid, before, after, forward_found, cv::noArray(), patch,
+  cv::calcOpticalFlowPyrLK(pyramid_, pyramid, before, after, good, cv::noArray(), patch,
                            options_.pyramid_levels, kTermination, cv::OPTFLOW_USE_INITIAL_FLOW,
                            kMinEigenvalue);
-  cv::calcOpticalFlowPyrLK(pyramid, pyramid_, after, back, backward_found, cv::noArray(), patch,
-                           std::min(1, options_.pyramid_levels), kTermination, cv::OPTFLOW_USE_INITIAL_FLOW,
-                           kMinEigenvalue);
+  std::vector<uchar> tied = good;
+  for (std::size_t i = 0; i < tracks_.size(); ++i)
+    if (good[i]) tied[i] = tieToReference(image, &tracks_[i], &after[i]);
+  // When most look different it is the image, blurred perhaps, and not they: those whose flow leads back stay.
+  if (2 * std::count(tied.begin(), tied.end(), 1) < std::count(good.begin(), good.end(), 1)) {
+    flowBack(pyramid, before, after, &good);
+  } else {
+    good = std::move(tied);
+  }
   std::vector<Track> kept;
   std::vector<Feature> features_before;
   for (std::size_t i = 0; i < tracks_.size(); ++i) {
-    const cv::Point2f difference = back[i] - before[i];
-    const double error = std::hypot(difference.x, difference.y);
-    if (!forward_found[i] || !backward_found[i] || !(error < options_.forward_backward_threshold)) continue;
     const Eigen::Vector2d pixel(after[i].x, after[i].y);
-    if (!camera_.contains(pixel, kBorder)) continue;
+    if (!good[i] || !camera_.contains(pixel, kBorder)) continue;
     const std::optional<Feature> feature = makeFeature(camera_, tracks_[i].id, pixel);
     if (!feature) continue;
     features_before.push_back(tracks_[i].feature);
-    kept.push_back({tracks_[i].id, after[i], *feature});
+    kept.push_back({tracks_[i].id, after[i], *feature, std::move(tracks_[i].reference)});
   }
   tracks_ = std::move(kept);
   rejectOutliers(features_before);
+}
+
+// Moves `pixel` to where the track's reference is found. False where that is nowhere near: the track has slid off its
+// point, or something has come before it.
+bool FeatureTracker::tieToReference(const cv::Mat& image, Track* track, cv::Point2f* pixel) const {
+  const std::optional<ReferencePatch::Fit> fit = track->reference->find(image, *pixel);
+  if (!fit || fit->correlation < options_.min_correlation) return false;
+  if (cv::norm(fit->pixel - *pixel) > options_.max_correction) return false;
+  *pixel = fit->pixel;
+  const Eigen::Vector2f magnification = track->reference->magnification();
+  if (magnification.x() < kLargestMagnification && magnification.y() > 1.0F / kLargestMagnification)
+    return true;
+  // Seen from so near or so far that it no longer has the same detail.
+  const std::optional<ReferencePatch> renewed = ReferencePatch::cut(image, *pixel);
+  if (renewed) *track->reference = *renewed;
+  return renewed.has_value();
+}
+
+// Clears `good` where the flow back does not end where it began.
+void FeatureTracker::flowBack(const std::vector<cv::Mat>& pyramid, const std::vector<cv::Point2f>& before,
+                              const std::vector<cv::Point2f>& after, std::vector<uchar>* good) const {
+  std::vector<cv::Point2f> back = before;
+  std::vector<uchar> found;
+  const cv::Size patch(options_.patch_size, options_.patch_size);
+  cv::calcOpticalFlowPyrLK(pyramid, pyramid_, after, back, found, cv::noArray(), patch,
+                           std::min(1, options_.pyramid_levels), kTermination, cv::OPTFLOW_USE_INITIAL_FLOW,
+                           kMinEigenvalue);
+  for (std::size_t i = 0; i < back.size(); ++i)
+    (*good)[i] =
+        (*good)[i] && found[i] && cv::norm(back[i] - before[i]) < options_.forward_backward_threshold;
 }
 
 void FeatureTracker::rejectOutliers(const std::vector<Feature>& before) {
@@ -112,7 +145,7 @@ void FeatureTracker::rejectOutliers(const std::vector<Feature>& before) {
   if (F.empty() || inlier.size() != tracks_.size()) return;
   std::vector<Track> kept;
   for (std::size_t i = 0; i < tracks_.size(); ++i)
-    if (inlier[i]) kept.push_back(tracks_[i]);
+    if (inlier[i]) kept.push_back(std::move(tracks_[i]));
   tracks_ = std::move(kept);
 }
 
@@ -122,7 +155,9 @@ void FeatureTracker::addCorners(const cv::Mat& image) {
   for (const cv::Point2f& corner : detector_.detect(image, pixels)) {
     const std::optional<Feature> feature =
         makeFeature(camera_, next_id_, Eigen::Vector2d(corner.x, corner.y));
-    if (feature) tracks_.push_back({next_id_++, corner, *feature});
+    const std::optional<ReferencePatch> reference = ReferencePatch::cut(image, corner);
+    if (feature && reference)
+      tracks_.push_back({next_id_++, corner, *feature, std::make_unique<ReferencePatch>(*reference)});
   }
 }
 

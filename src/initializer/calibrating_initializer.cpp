@@ -353,12 +353,14 @@ bool CalibratingInitializer::judge(const InitializedProblem& problem) {
   const double rms = problem.graph.pixelSigma(&observations);
   const NoiseFactors& factors = problem.noise.factors();
   const double bias = problem.graph.frames().back().bias().accelerometer.norm();
+  // With known extrinsics the user waits for the odometry alone, and its scale goes on improving in the window.
+  const double max_sigma_scale = prior_ ? options_.max_sigma_scale_with_prior : options_.max_sigma_scale;
   std::ostringstream why;
-  if (!(sigma_scale < options_.max_sigma_scale)) {
+  if (!(sigma_scale < max_sigma_scale)) {
     // The further away, the longer it takes to get there; a batch is the dearest step of all.
-    attempt_pause_ *= std::clamp(sigma_scale / options_.max_sigma_scale, 1.0, kLongestPause);
+    attempt_pause_ *= std::clamp(sigma_scale / max_sigma_scale, 1.0, kLongestPause);
     why << "scale is known to " << 100.0 * sigma_scale << " % (sigma), needs "
-        << 100.0 * options_.max_sigma_scale << " %";
+        << 100.0 * max_sigma_scale << " %";
   } else if (!(rms < kLargestPixelRms)) {
     why << "images and IMU do not fit together yet: reprojection error " << rms << " px";
   } else if (factors.accelerometer >= kLargestNoiseFactor || factors.gyroscope >= kLargestNoiseFactor) {

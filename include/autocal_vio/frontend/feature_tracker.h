@@ -1,8 +1,9 @@
-// Tracks corners from image to image by pyramidal KLT.
+// Tracks corners from image to image by pyramidal KLT, and ties each to what it looked like at first.
 #pragma once
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <memory>
 #include <opencv2/core/mat.hpp>
 #include <opencv2/core/types.hpp>
 #include <optional>
@@ -12,6 +13,7 @@
 #include "autocal_vio/frontend/corner_detector.h"
 #include "autocal_vio/frontend/feature.h"
 #include "autocal_vio/frontend/feature_tracker_options.h"
+#include "autocal_vio/frontend/reference_patch.h"
 
 namespace autocal_vio {
 
@@ -37,11 +39,15 @@ class FeatureTracker {
     std::int64_t id;
     cv::Point2f pixel;
     Feature feature;
+    std::unique_ptr<ReferencePatch> reference;
   };
 
   std::vector<cv::Point2f> predict(const std::optional<Eigen::Matrix3d>& R_previous_current) const;
-  void trackForward(const std::vector<cv::Mat>& pyramid,
+  void trackForward(const cv::Mat& image, const std::vector<cv::Mat>& pyramid,
                     const std::optional<Eigen::Matrix3d>& R_previous_current);
+  bool tieToReference(const cv::Mat& image, Track* track, cv::Point2f* pixel) const;
+  void flowBack(const std::vector<cv::Mat>& pyramid, const std::vector<cv::Point2f>& before,
+                const std::vector<cv::Point2f>& after, std::vector<uchar>* good) const;
   void rejectOutliers(const std::vector<Feature>& before);
   void addCorners(const cv::Mat& image);
 

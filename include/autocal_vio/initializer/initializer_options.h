@@ -7,7 +7,8 @@ struct InitializerOptions {
   int max_keyframes = 30;
   int min_keyframes = 8;
   double attempt_interval = 0.5;
-  double max_sigma_scale = 0.06;
+  double max_sigma_scale = 0.03;
+  double max_sigma_scale_with_prior = 0.06;
 
   template <class Visitor>
   void visitFields(Visitor&& visit) {
@@ -17,6 +18,8 @@ struct InitializerOptions {
     visit("attempt_interval", attempt_interval, 0.05, 10, "time between attempts [s]");
     visit("max_sigma_scale", max_sigma_scale, 0.001, 0.5,
           "odometry starts below this relative sigma of the scale [-]");
+    visit("max_sigma_scale_with_prior", max_sigma_scale_with_prior, 0.001, 0.5,
+          "the same where the extrinsics were given, or kept from before [-]");
   }
 };
 
