@@ -100,6 +100,8 @@ void readCamera(YamlSection* section, RigModel* rig) {
   camera.intrinsics << 1000.0, 1000.0, 0.5 * camera.width, 0.5 * camera.height;
   if (const auto values = section->numbers("intrinsics", 4, "fu fv pu pv in pixels"))
     camera.intrinsics = Eigen::Map<const Eigen::Vector4d>(values->data());
+  camera.sigma_principal_point =
+      section->number("sigma_principal_point").value_or(camera.sigma_principal_point);
   for (const std::string& problem : camera.validate()) section->addProblem("", problem);
   rig->camera = camera;
 }

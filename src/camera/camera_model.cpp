@@ -117,6 +117,8 @@ std::vector<std::string> CameraIntrinsics::validate() const {
   if (distortion_model == DistortionModel::kEquidistant)
     require(higher_radial_coeffs.isZero(0.0), "the equidistant model has no higher radial coefficients",
             higher_radial_coeffs.norm());
+  require(sigma_principal_point >= 0.0 && sigma_principal_point <= 20.0,
+          "sigma_principal_point must be within [0, 20] px", sigma_principal_point);
   return problems;
 }
 

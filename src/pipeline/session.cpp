@@ -42,6 +42,13 @@ constexpr double kMinSigmaTd = 1e-3;           // [s]
 constexpr double kContradictionSigmas = 5.0;   // from a prior
 constexpr double kBlindRemark = 0.3;           // [s] without usable images before the reason says so
 
+// An error of the principal point turns the camera about its x and y axes.
+Matrix6d intrinsicsShare(const RigModel& rig, double focal_length) {
+  Matrix6d result = Matrix6d::Zero();
+  if (rig.camera) result(3, 3) = result(4, 4) = std::pow(rig.camera->sigma_principal_point / focal_length, 2);
+  return result;
+}
+
 // An estimate that began at a prior moves from it by less than the prior's sigma, were that true.
 bool contradicts(double distance, double sigma, double prior_sigma) {
   return distance > kContradictionSigmas * std::max(sigma, prior_sigma);
@@ -64,6 +71,7 @@ Session::Session(double focal_length, const RigModel& rig, const VioOptions& opt
       inflation_(options.estimator.sigma_inflation),
       last_pose_(start_pose),
       extrinsic_covariance_(Matrix6d::Identity() * kUnknownSigma * kUnknownSigma),
+      intrinsics_share_(intrinsicsShare(rig, focal_length)),
       sigma_td_(rig.time_offset_prior.sigma_td),
       rotation_floor_(options.estimator.image_accuracy / focal_length),
       prior_(rig.extrinsics_prior) {
@@ -237,6 +245,7 @@ void Session::fillFromInitializer(VioUpdate* update) const {
   calibration.covariance.diagonal().head<3>() = status.sigma_p_BC.cwiseMin(kUnknownSigma).cwiseAbs2();
   calibration.covariance.diagonal().tail<3>() =
       initializer_->sigmaRotation().cwiseMin(kUnknownSigma).cwiseAbs2();
+  calibration.covariance += intrinsics_share_;
   calibration.td = initializer_->td();
   calibration.sigma_td = std::min(rotation.sigma_td, kUnknownSigma);
   calibration.gyroscope_bias = rotation.gyroscope_bias;
@@ -308,7 +317,7 @@ void Session::fillCalibration(VioUpdate* update) const {
   calibration.pixel_sigma = graph.optionsView().pixel_sigma;
   calibration.rotation_observable = monitor_.rotationObservable();
   calibration.translation_observable = monitor_.translationObservable();
-  calibration.covariance = extrinsic_covariance_;
+  calibration.covariance = extrinsic_covariance_ + intrinsics_share_;
   calibration.sigma_td = sigma_td_;
   if (!estimator_->covariance()) return;
   const GraphCovariance& covariance = *estimator_->covariance();

@@ -11,6 +11,7 @@ CameraIntrinsics eurocIntrinsics() {
   camera.distortion_coeffs << -0.28340811, 0.07395907, 0.00019359, 1.76187114e-05;
   camera.width = 752;
   camera.height = 480;
+  camera.sigma_principal_point = 0.0;
   return camera;
 }
 

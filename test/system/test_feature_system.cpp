@@ -49,6 +49,27 @@ TEST(FeatureSystem, EurocNoiseFromNothing) {
   }
 }
 
+// Nothing in the data tells a shifted principal point from a turned camera: only the published sigma can be right.
+TEST(FeatureSystem, AWrongPrincipalPointIsWithinThePublishedSigma) {
+  FeatureSimulationOptions simulation = FeatureSimulationOptions::euroc(4);
+  simulation.motion.duration = 30.0;
+  FeatureDataset data = simulateFeatures(simulation);
+  const double focal_length = data.rig.rig.camera->intrinsics[0];
+  for (FeatureFrame& frame : data.frames)
+    for (Feature& feature : frame.features) feature.normalized += Eigen::Vector2d(1.3, -0.9) / focal_length;
+  RigModel rig = data.rig.rig;
+  rig.camera->sigma_principal_point = 0.0;
+  const SystemOutcome sure = runSystem(data, rig, VioOptions(), verbose());
+  rig.camera->sigma_principal_point = 1.0;
+  const SystemOutcome honest = runSystem(data, rig, VioOptions(), verbose());
+  print("principal point taken for certain", 4, sure);
+  print("principal point known to 1 px", 4, honest);
+  EXPECT_NEAR(honest.rotation_deg, std::hypot(1.3, 0.9) / focal_length * 57.3, 0.04);
+  EXPECT_GT(sure.largest_sigmas, 4.0);
+  EXPECT_LT(honest.largest_sigmas, 2.0);
+  EXPECT_EQ(honest.converged_s, sure.converged_s);  // moving on does not help: it is not waited for
+}
+
 TEST(FeatureSystem, StandstillClaimsNothing) {
   FeatureSimulationOptions simulation = FeatureSimulationOptions::euroc(1);
   simulation.motion.kind = MotionKind::kStandstill;

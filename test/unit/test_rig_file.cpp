@@ -140,6 +140,32 @@ cam1:
   EXPECT_TRUE(anyContains(problemsOf(chain), "imu0: is missing"));
 }
 
+TEST(RigFile, AccuracyOfThePrincipalPointIsReadAndChecked) {
+  const TemporaryFolder folder;
+  const auto rigWith = [&](const std::string& line) {
+    return folder.write("accuracy.yaml", R"(cam0:
+  camera_model: pinhole
+  intrinsics: [458.654, 457.296, 367.215, 248.375]
+  distortion_model: none
+  distortion_coeffs: []
+  resolution: [752, 480]
+)" + line + R"(imu0:
+  accelerometer_noise_density: 2.0e-3
+  accelerometer_random_walk: 3.0e-3
+  gyroscope_noise_density: 1.6968e-4
+  gyroscope_random_walk: 1.9393e-5
+  update_rate: 200
+)");
+  };
+  EXPECT_EQ(loadRigFile(rigWith("")).camera->sigma_principal_point, 0.5);
+  EXPECT_EQ(loadRigFile(rigWith("  sigma_principal_point: 0\n")).camera->sigma_principal_point, 0.0);
+  EXPECT_EQ(loadRigFile(rigWith("  sigma_principal_point: 1.5\n")).camera->sigma_principal_point, 1.5);
+  for (const char* bad : {"-1", "21", ".nan", "much"})
+    EXPECT_TRUE(anyContains(problemsOf(rigWith("  sigma_principal_point: " + std::string(bad) + "\n")),
+                            "sigma_principal_point"))
+        << bad;
+}
+
 TEST(RigFile, ListsEverythingWrongAtOnce) {
   const TemporaryFolder folder;
   const std::string path = folder.write("bad.yaml", R"(cam0:

@@ -20,6 +20,9 @@ struct CameraIntrinsics {
   Eigen::Vector4d higher_radial_coeffs = Eigen::Vector4d::Zero();
   int width = 0;   ///< [px]
   int height = 0;  ///< [px]
+  /// How well the principal point is known [px]. An error of it turns the camera much as a wrong R_BC
+  /// would: the published sigma of R_BC has to hold it.
+  double sigma_principal_point = 0.5;
 
   /// Everything that is wrong with the values, one sentence each; empty when usable.
   std::vector<std::string> validate() const;

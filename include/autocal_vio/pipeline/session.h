@@ -76,8 +76,9 @@ class Session {
   SigmaInflation inflation_;
   Transform T_odom_W_;  ///< yaw and translation only
   std::optional<Transform> last_pose_;
-  // As published; parts that are held keep the uncertainty they had before.
+  // Given the camera's intrinsics; parts that are held keep the uncertainty they had before.
   Matrix6d extrinsic_covariance_;
+  Matrix6d intrinsics_share_;  ///< what is published adds this: of the intrinsics' own error
   double sigma_td_;
   double rotation_floor_;  ///< sigma of R_BC that measuring longer does not improve [rad]
   std::optional<CalibrationEstimate> last_calibration_;  ///< of the last sound estimate
