@@ -5,8 +5,8 @@
 #include <sstream>
 #include <utility>
 
+#include "autocal_vio/common/stage_clock.h"
 #include "autocal_vio/geometry/so3.h"
-#include "autocal_vio/pipeline/stage_clock.h"
 
 namespace autocal_vio {
 namespace {
@@ -93,16 +93,10 @@ double Session::td() const {
 bool Session::process(const FeatureFrame& frame, const ImuBuffer& imu, VioUpdate* update) {
   if (!estimator_) return initialize(frame, imu, update);
   const StageClock clock;
-  const EstimatorResult result = estimator_->process(frame, imu);
+  const EstimatorResult result = advance(frame, imu);
   if (result.healthy) {
-    updateCalibrationCovariance(result.keyframe_finished, frame.stamp);
-    rememberCalibration();
     initializer_->checkHeldRotation(frame, imu);
     if (prior_problem_.empty()) prior_problem_ = initializer_->priorProblem();
-    if (result.keyframe_finished) {
-      checkPrior();
-      judgeCalibration(frame.stamp);
-    }
     fillFromEstimator(imu, update);
   } else {
     lose(result, update);
@@ -110,6 +104,18 @@ bool Session::process(const FeatureFrame& frame, const ImuBuffer& imu, VioUpdate
   remark(update);
   update->times.optimization_ms += clock.elapsedMs();
   return result.healthy;
+}
+
+EstimatorResult Session::advance(const FeatureFrame& frame, const ImuBuffer& imu) {
+  const EstimatorResult result = estimator_->process(frame, imu);
+  if (!result.healthy) return result;
+  updateCalibrationCovariance(result.keyframe_finished, frame.stamp);
+  rememberCalibration();
+  if (result.keyframe_finished) {
+    checkPrior();
+    judgeCalibration(frame.stamp);
+  }
+  return result;
 }
 
 void Session::lose(const EstimatorResult& result, VioUpdate* update) {
@@ -122,16 +128,35 @@ void Session::lose(const EstimatorResult& result, VioUpdate* update) {
 bool Session::initialize(const FeatureFrame& frame, const ImuBuffer& imu, VioUpdate* update) {
   const StageClock clock;
   std::optional<InitializedProblem> problem = initializer_->addFrame(frame, imu);
-  if (problem) startEstimator(std::move(*problem), frame.stamp);
-  update->times.initialization_ms += clock.elapsedMs();
-  if (estimator_) {
+  prior_problem_ = initializer_->priorProblem();
+  EstimatorResult result;
+  if (problem) {
+    const std::vector<FeatureFrame> later = std::move(problem->later);
+    startEstimator(std::move(*problem), frame.stamp);
+    result = catchUp(later, imu);
+  }
+  update->times.initialization_ms += clock.elapsedMs() + initializer_->backgroundMs();
+  if (!result.healthy) {
+    lose(result, update);
+  } else if (estimator_) {
     fillFromEstimator(imu, update);
   } else {
     fillFromInitializer(update);
   }
-  prior_problem_ = initializer_->priorProblem();
   remark(update);
-  return true;
+  return result.healthy;
+}
+
+// Images that came while the attempt ran. The estimate's time offset may ask for IMU samples that are not there yet: an
+// image less at the end, then.
+EstimatorResult Session::catchUp(const std::vector<FeatureFrame>& frames, const ImuBuffer& imu) {
+  EstimatorResult result;
+  for (const FeatureFrame& frame : frames) {
+    if (!imu.covers(frame.stamp + fromSeconds(td()))) break;
+    result = advance(frame, imu);
+    if (!result.healthy) break;
+  }
+  return result;
 }
 
 // The estimate may have been started from a wrong prior before the rotation step could tell, and nothing looks at its

@@ -108,6 +108,7 @@ VioParameters loadVioParameters(const ros::NodeHandle& private_nh) {
   readUrdfExtrinsics(&reader, &parameters);
   const bool urdf_read = reader.problems().size() == problems_before;
   parameters.options.fix_extrinsics = reader.flag("fix_extrinsics", parameters.options.fix_extrinsics);
+  parameters.options.initializer.in_background = true;
   if (parameters.options.fix_extrinsics && rig_loaded && urdf_read && !parameters.rig.extrinsics_prior) {
     reader.addProblem(
         "~fix_extrinsics is true, but neither the rig file nor ~extrinsics_from_urdf gives a transform to "

@@ -14,7 +14,7 @@
 #include "autocal_vio/factors/imu_factor.h"
 #include "autocal_vio/factors/reprojection_factor.h"
 #include "autocal_vio/frontend/feature_tracker.h"
-#include "autocal_vio/pipeline/stage_clock.h"
+#include "autocal_vio/common/stage_clock.h"
 #include "autocal_vio/pipeline/vio_system.h"
 #include "autocal_vio/sim/feature_simulator.h"
 #include "autocal_vio/sim/rig_simulator.h"

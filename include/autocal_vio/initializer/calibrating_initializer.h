@@ -5,41 +5,25 @@
 
 #include <Eigen/Core>
 #include <deque>
+#include <future>
 #include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
-#include "autocal_vio/graph/noise_adaptation.h"
-#include "autocal_vio/graph/visual_inertial_graph.h"
 #include "autocal_vio/imu/imu_buffer.h"
+#include "autocal_vio/initializer/initialization_attempt.h"
 #include "autocal_vio/initializer/initializer_options.h"
 #include "autocal_vio/initializer/rotation_calibrator.h"
 #include "autocal_vio/rig/rig_model.h"
 
 namespace autocal_vio {
 
-/// What is known so far, for the status. Sigmas are one sigma.
-struct InitializerStatus {
+/// What is known so far, for the status.
+struct InitializerStatus : AttemptFindings {
   bool rotation_known = false;  ///< R_BC accepted, or given as a prior
-  std::string reason;           ///< what is missing, in words
-  std::string motion_advice;    ///< which motion would help
   RotationEstimate rotation;    ///< of the rotation step
-  double scale = 0.0;           ///< of the last attempt at the linear steps [m per structure unit]; 0: none
-  double sigma_scale = 1e3;     ///< relative
-  Eigen::Vector3d gravity_C0 = Eigen::Vector3d::Zero();  ///< in the first keyframe's camera [m/s^2]
-  double sigma_gravity = 1e3;                            ///< [rad]
-  Eigen::Vector3d p_BC = Eigen::Vector3d::Zero();        ///< [m]
-  Eigen::Vector3d sigma_p_BC = Eigen::Vector3d::Constant(1e3);
-  Eigen::Vector3d accelerometer_bias = Eigen::Vector3d::Zero();  ///< [m/s^2]
-  Eigen::Vector3d sigma_accelerometer_bias = Eigen::Vector3d::Constant(1e3);
-  int attempts = 0;  ///< at scale and gravity
-};
-
-/// The solved problem that the estimator takes over.
-struct InitializedProblem {
-  VisualInertialGraph graph;
-  NoiseAdaptation noise;
+  int attempts = 0;             ///< at scale and gravity
 };
 
 /// Says loudly that a rotation given with `sigma` is `angle` [rad] off; `held`: it is used nevertheless.
@@ -55,7 +39,8 @@ class CalibratingInitializer {
                          const InitializerOptions& options, const RotationCalibratorOptions& rotation_options,
                          const GraphOptions& graph_options);
 
-  /// Adds the tracks of the next image; the IMU covers its stamp + td(). Returns the problem once solved.
+  /// Adds the tracks of the next image; the IMU covers its stamp + td(). Returns the problem once solved: at once, or,
+  /// where attempts run in the background, at a later image, with the images since then.
   std::optional<InitializedProblem> addFrame(const FeatureFrame& frame, const ImuBuffer& imu);
 
   /// Holds or releases parts of the calibration; what is held keeps every bit, from now on and through the batch.
@@ -72,6 +57,9 @@ class CalibratingInitializer {
 
   const InitializerStatus& status() const { return status_; }
 
+  /// CPU time of an attempt in the background that ended with the last image [ms].
+  double backgroundMs() const { return background_ms_; }
+
   /// The present guess of the time offset [s].
   double td() const;
   /// R_BC once known.
@@ -81,20 +69,24 @@ class CalibratingInitializer {
   Eigen::Vector3d gyroscopeBias() const;
 
  private:
-  struct Attempt;  // the intermediate results of one attempt
+  /// An attempt in a thread of its own, and the images that have come since it began.
+  struct RunningAttempt {
+    std::shared_ptr<InitializationAttempt> attempt;
+    std::future<std::optional<InitializedProblem>> result;
+    std::vector<FeatureFrame> later;
+    bool obsolete;
+  };
 
   void checkPrior();
   bool isKeyframe(const FeatureFrame& frame) const;
   void addKeyframe(const FeatureFrame& frame, const ImuBuffer& imu);
   bool attemptDue(const FeatureFrame& frame) const;
-  std::optional<InitializedProblem> attempt(const ImuBuffer& imu);
-  bool preintegrate(const ImuBuffer& imu, Attempt* attempt);
-  bool reconstruct(Attempt* attempt);
-  bool align(Attempt* attempt);
-  InitializedProblem buildProblem(const Attempt& attempt) const;
-  bool refine(InitializedProblem* problem);
-  bool judge(const InitializedProblem& problem);
-  bool fail(const std::string& reason, const std::string& advice);
+  AttemptInput attemptInput(const ImuBuffer& imu) const;
+  std::optional<InitializedProblem> startAttempt(AttemptInput input);
+  std::optional<InitializedProblem> followAttempt(const FeatureFrame& frame);
+  void conclude(const InitializationAttempt& attempt);
+  void outdateAttempt();
+  void explain(const std::string& reason, const std::string& advice);
 
   double focal_length_;
   ImuNoise noise_;
@@ -110,6 +102,8 @@ class CalibratingInitializer {
   TimeNs last_attempt_ = 0;
   double attempt_pause_ = 0.0;  ///< before the next attempt [s]
   InitializerStatus status_;
+  std::optional<RunningAttempt> running_;
+  double background_ms_ = 0.0;
 };
 
 }  // namespace autocal_vio

@@ -9,6 +9,8 @@ struct InitializerOptions {
   double attempt_interval = 0.5;
   double max_sigma_scale = 0.03;
   double max_sigma_scale_with_prior = 0.06;
+  bool in_background =
+      false;  ///< attempts run beside the images that come; results depend on its speed (no file key)
 
   template <class Visitor>
   void visitFields(Visitor&& visit) {

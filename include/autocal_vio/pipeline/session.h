@@ -55,6 +55,8 @@ class Session {
 
  private:
   bool initialize(const FeatureFrame& frame, const ImuBuffer& imu, VioUpdate* update);
+  EstimatorResult advance(const FeatureFrame& frame, const ImuBuffer& imu);
+  EstimatorResult catchUp(const std::vector<FeatureFrame>& frames, const ImuBuffer& imu);
   void startEstimator(InitializedProblem problem, TimeNs stamp);
   void rememberCalibration();
   void judgeCalibration(TimeNs stamp);

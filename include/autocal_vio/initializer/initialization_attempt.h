@@ -1,0 +1,93 @@
+// One attempt at scale, gravity, translation and everything else, from keyframes whose rotation is known.
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "autocal_vio/graph/noise_adaptation.h"
+#include "autocal_vio/graph/visual_inertial_graph.h"
+#include "autocal_vio/imu/imu_buffer.h"
+#include "autocal_vio/initializer/initializer_options.h"
+#include "autocal_vio/initializer/linear_alignment.h"
+#include "autocal_vio/initializer/structure_from_motion.h"
+#include "autocal_vio/rig/rig_model.h"
+
+namespace autocal_vio {
+
+/// The solved problem that the estimator takes over.
+struct InitializedProblem {
+  VisualInertialGraph graph;
+  NoiseAdaptation noise;
+  std::vector<FeatureFrame> later =
+      {};  ///< images after the graph's newest, in order: the estimator has yet to see them
+};
+
+/// Everything that an attempt works on: it shares nothing, so that it can run beside its owner.
+struct AttemptInput {
+  std::vector<FeatureFrame> keyframes;  ///< in order of time, each sharing tracks with the one before
+  ImuBuffer imu;                        ///< covers them
+  ImuNoise noise;
+  Eigen::Quaterniond R_BC;
+  Eigen::Vector3d gyroscope_bias;  ///< [rad/s]
+  double td;                       ///< [s]
+  std::optional<ExtrinsicsPrior> prior;
+  TimeOffsetPrior time_offset_prior;
+  bool hold_rotation, hold_translation, hold_td;
+  InitializerOptions options;
+  GraphOptions graph_options;
+};
+
+/// What the linear steps and the batch have found, for the status. Sigmas are one sigma.
+struct AttemptFindings {
+  std::string reason;         ///< what is missing, in words
+  std::string motion_advice;  ///< which motion would help
+  double scale = 0.0;         ///< of the linear steps [m per structure unit]; 0: none
+  double sigma_scale = 1e3;   ///< relative
+  Eigen::Vector3d gravity_C0 = Eigen::Vector3d::Zero();  ///< in the first keyframe's camera [m/s^2]
+  double sigma_gravity = 1e3;                            ///< [rad]
+  Eigen::Vector3d p_BC = Eigen::Vector3d::Zero();        ///< [m]
+  Eigen::Vector3d sigma_p_BC = Eigen::Vector3d::Constant(1e3);
+  Eigen::Vector3d accelerometer_bias = Eigen::Vector3d::Zero();  ///< [m/s^2]
+  Eigen::Vector3d sigma_accelerometer_bias = Eigen::Vector3d::Constant(1e3);
+};
+
+class InitializationAttempt {
+ public:
+  /// `before`: findings so far; what this attempt does not get to stays.
+  InitializationAttempt(AttemptInput input, const AttemptFindings& before);
+
+  /// The problem, accepted by its covariance and residuals; nothing otherwise, with the reason in findings().
+  std::optional<InitializedProblem> run();
+
+  const AttemptFindings& findings() const { return findings_; }
+
+  /// How much longer than usual to wait for the next attempt [1, 2]: it will not do before.
+  double patience() const { return patience_; }
+
+  /// CPU time of run() [ms].
+  double cpuMs() const { return cpu_ms_; }
+
+ private:
+  std::optional<InitializedProblem> solve();
+  bool preintegrate();
+  bool reconstruct();
+  bool align();
+  InitializedProblem buildProblem() const;
+  bool refine(InitializedProblem* problem);
+  bool judge(const InitializedProblem& problem);
+  bool fail(const std::string& reason, const std::string& advice);
+
+  AttemptInput input_;
+  AttemptFindings findings_;
+  double patience_ = 1.0;
+  double cpu_ms_ = 0.0;
+  std::vector<Preintegration> preintegrations_;  ///< between the keyframes
+  StructureResult structure_;
+  std::vector<AlignmentKeyframe> poses_;
+  Alignment alignment_;
+  std::vector<Eigen::Vector3d> velocities_V_;
+};
+
+}  // namespace autocal_vio

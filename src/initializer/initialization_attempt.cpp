@@ -1,0 +1,213 @@
+#include "autocal_vio/initializer/initialization_attempt.h"
+
+#include <algorithm>
+#include <cmath>
+#include <sstream>
+#include <utility>
+
+#include "autocal_vio/common/stage_clock.h"
+
+namespace autocal_vio {
+namespace {
+
+constexpr double kPriorSigmaTranslation = 0.3;     // [m] lever arms are shorter than half a metre
+constexpr double kPriorSigmaAccelBias = 0.3;       // [m/s^2]
+constexpr double kPriorSigmaGyroBias = 0.1;        // [rad/s] weak: the rotation step's estimate is its mean
+constexpr double kStructureSigmaPosition = 0.003;  // [structure units] where one is the median depth
+constexpr double kStructureSigmaRotation = 0.001;  // [rad]
+constexpr double kLargestNoiseFactor = 40.0;       // accelerometer or gyroscope against its rig file
+constexpr double kSigmaInflation =
+    1.4;  // tracking errors are correlated in time: white-noise sigmas are too small
+constexpr double kOutlierPx = 4.0;        // [px] after the first solve
+constexpr double kLargestPixelRms = 2.0;  // [px] of an acceptable solution
+constexpr double kLargestAccelBias =
+    2.0;  // [m/s^2] beyond it the unit or the scale of the accelerometer is wrong
+constexpr int kSolveIterations = 20;
+constexpr double kMostPatience = 2.0;
+
+// Relative sigma of the trajectory's scale: the part of the positions' covariance along the positions themselves.
+double relativeScaleSigma(const VisualInertialGraph& graph, const GraphCovariance& covariance) {
+  const std::deque<FrameState>& frames = graph.frames();
+  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+  for (const FrameState& frame : frames) mean += frame.position() / static_cast<double>(frames.size());
+  double spread = 0.0, variance = 0.0;
+  for (const FrameState& frame : frames) spread += (frame.position() - mean).squaredNorm();
+  for (const FrameState& a : frames) {
+    for (const FrameState& b : frames) {
+      const Eigen::MatrixXd P = covariance.block({a.id, BlockKind::kPose}, {b.id, BlockKind::kPose});
+      variance += (a.position() - mean).dot(P.topLeftCorner<3, 3>() * (b.position() - mean));
+    }
+  }
+  return spread > 0.0 ? std::sqrt(std::max(0.0, variance)) / spread : 1e3;
+}
+
+}  // namespace
+
+InitializationAttempt::InitializationAttempt(AttemptInput input, const AttemptFindings& before)
+    : input_(std::move(input)), findings_(before) {}
+
+std::optional<InitializedProblem> InitializationAttempt::run() {
+  const StageClock clock;
+  std::optional<InitializedProblem> problem = solve();
+  cpu_ms_ = clock.elapsedMs();
+  return problem;
+}
+
+std::optional<InitializedProblem> InitializationAttempt::solve() {
+  if (!preintegrate() || !reconstruct() || !align()) return std::nullopt;
+  InitializedProblem problem = buildProblem();
+  if (!refine(&problem) || !judge(problem)) return std::nullopt;
+  return problem;
+}
+
+bool InitializationAttempt::fail(const std::string& reason, const std::string& advice) {
+  findings_.reason = reason;
+  findings_.motion_advice = advice;
+  return false;
+}
+
+bool InitializationAttempt::preintegrate() {
+  const TimeNs shift = fromSeconds(input_.td);
+  const ImuBias bias{input_.gyroscope_bias, Eigen::Vector3d::Zero()};
+  for (std::size_t i = 1; i < input_.keyframes.size(); ++i) {
+    std::vector<ImuSample> samples =
+        input_.imu.slice(input_.keyframes[i - 1].stamp + shift, input_.keyframes[i].stamp + shift);
+    if (samples.size() < 2) return fail("the IMU does not cover the keyframes", "");
+    preintegrations_.emplace_back(std::move(samples), bias, input_.noise);
+  }
+  return true;
+}
+
+bool InitializationAttempt::reconstruct() {
+  // Rotations from the gyroscope: R_VC with V the first keyframe's camera.
+  std::vector<Eigen::Quaterniond> R_VC{Eigen::Quaterniond::Identity()};
+  for (const Preintegration& pre : preintegrations_)
+    R_VC.push_back(
+        (R_VC.back() * input_.R_BC.conjugate() * pre.increment().rotation * input_.R_BC).normalized());
+  structure_ = structureFromMotion(input_.keyframes, R_VC, StructureOptions());
+  if (!structure_.ok()) return fail(structure_.failure, "move the camera sideways as well as turning it");
+  for (std::size_t i = 0; i < input_.keyframes.size(); ++i) {
+    const Transform& T_VC = structure_.T_VC[i];
+    poses_.push_back({input_.keyframes[i].stamp + fromSeconds(input_.td), T_VC.rotation, T_VC.translation});
+  }
+  return true;
+}
+
+bool InitializationAttempt::align() {
+  const AlignmentInput input{poses_, preintegrations_, input_.R_BC};
+  const ApproximateAlignment approximate = approximateScaleGravityTranslation(input, 10.0);
+  const std::string advice = "move with changing speed in more than one direction, while turning";
+  if (!approximate.ok()) return fail(approximate.failure, advice);
+  AlignmentOptions options;
+  options.gravity = input_.graph_options.gravity_magnitude;
+  options.noise = AlignmentNoise();
+  options.noise->sigma_position = kStructureSigmaPosition;
+  options.noise->sigma_rotation = kStructureSigmaRotation;
+  options.noise->sigma_accelerometer_bias = kPriorSigmaAccelBias;
+  options.noise->sigma_p_BC = input_.prior ? input_.prior->sigma_translation : kPriorSigmaTranslation;
+  if (input_.prior) options.noise->prior_p_BC = input_.prior->T_imu_cam.translation;
+  alignment_ = refineWithAccelerometerBias(input, approximate, options);
+  const Alignment& alignment = alignment_;
+  if (!alignment.ok()) return fail(alignment.failure, advice);
+  velocities_V_ = keyframeVelocities(input, alignment);
+  findings_.scale = alignment.scale;
+  findings_.sigma_scale = alignment.sigma_scale;
+  findings_.gravity_C0 = alignment.g_V;
+  findings_.sigma_gravity = alignment.sigma_gravity;
+  if (!input_.hold_translation) {
+    findings_.p_BC = alignment.p_BC;
+    findings_.sigma_p_BC = alignment.sigma_p_BC;
+  }
+  findings_.accelerometer_bias = alignment.accelerometer_bias;
+  findings_.sigma_accelerometer_bias = alignment.sigma_bias;
+  return true;
+}
+
+InitializedProblem InitializationAttempt::buildProblem() const {
+  const Alignment& alignment = alignment_;
+  CalibrationPrior prior;
+  prior.T_BC = Transform(Eigen::Quaterniond::Identity(), Eigen::Vector3d::Zero());
+  prior.sigma_translation.setConstant(kPriorSigmaTranslation);
+  if (input_.prior) {
+    prior.T_BC = input_.prior->T_imu_cam;
+    prior.sigma_translation.setConstant(input_.prior->sigma_translation);
+    prior.sigma_rotation.setConstant(input_.prior->sigma_rotation);
+  }
+  prior.td = input_.time_offset_prior.td;
+  prior.sigma_td = input_.time_offset_prior.sigma_td;
+  InitializedProblem problem{VisualInertialGraph(input_.graph_options, prior),
+                             NoiseAdaptation(input_.noise, kLargestNoiseFactor)};
+  VisualInertialGraph& graph = problem.graph;
+  Transform T_BC(input_.R_BC, alignment.p_BC);
+  if (input_.hold_rotation) T_BC.rotation = input_.prior->T_imu_cam.rotation;
+  if (input_.hold_translation) T_BC.translation = input_.prior->T_imu_cam.translation;
+  CalibrationState& calibration = graph.calibration();
+  calibration.setTransform(T_BC);
+  calibration.td = input_.td;
+  calibration.rotation_held = input_.hold_rotation;
+  calibration.translation_held = input_.hold_translation;
+  calibration.td_held = input_.hold_td;
+
+  const Transform T_CB = graph.calibration().T_BC().inverse();
+  const Eigen::Quaterniond R_WV = alignment.R_VW.conjugate();
+  const ImuBias bias{input_.gyroscope_bias, alignment.accelerometer_bias};
+  for (std::size_t i = 0; i < input_.keyframes.size(); ++i) {
+    const AlignmentKeyframe& pose = poses_[i];
+    FrameState frame;
+    frame.id = graph.nextFrameId();
+    frame.stamp = input_.keyframes[i].stamp;
+    frame.reference_td = input_.td;
+    frame.features = input_.keyframes[i].features;
+    frame.setPose(Transform(R_WV * pose.R_VC, alignment.scale * (R_WV * pose.p_VC)) * T_CB);
+    frame.setMotion(R_WV * velocities_V_[i], bias);
+    const Preintegration& pre = preintegrations_[i == 0 ? 0 : i - 1];
+    frame.measured_angular_velocity =
+        (i == 0 ? pre.samples().front() : pre.samples().back()).angular_velocity;
+    if (i > 0) frame.preintegration = std::make_shared<Preintegration>(pre);
+    if (i > 0) frame.preintegration->repropagate(bias);
+    graph.addFrame(std::move(frame));
+    graph.landmarkMap().closeFullLandmarks();
+  }
+  graph.anchorFirstFrame(kPriorSigmaGyroBias, kPriorSigmaAccelBias);
+  return problem;
+}
+
+bool InitializationAttempt::refine(InitializedProblem* problem) {
+  const std::string failure =
+      solveAdaptingNoise(kSolveIterations, kOutlierPx, &problem->graph, &problem->noise);
+  return failure.empty() || fail(failure, "keep moving with changing speed and direction, while turning");
+}
+
+bool InitializationAttempt::judge(const InitializedProblem& problem) {
+  const std::optional<GraphCovariance> covariance = problem.graph.covariance();
+  const std::string advice = "keep moving with changing speed and direction, while turning";
+  if (!covariance) return fail("scale and gravity are not determined yet", advice);
+  const double sigma_scale = kSigmaInflation * relativeScaleSigma(problem.graph, *covariance);
+  int observations = 0;
+  const double rms = problem.graph.pixelSigma(&observations);
+  const NoiseFactors& factors = problem.noise.factors();
+  const double bias = problem.graph.frames().back().bias().accelerometer.norm();
+  // With known extrinsics the user waits for the odometry alone, and its scale goes on improving in the window.
+  const double max_sigma_scale =
+      input_.prior ? input_.options.max_sigma_scale_with_prior : input_.options.max_sigma_scale;
+  std::ostringstream why;
+  if (!(sigma_scale < max_sigma_scale)) {
+    // The further away, the longer it takes to get there; a batch is the dearest step of all.
+    patience_ = std::clamp(sigma_scale / max_sigma_scale, 1.0, kMostPatience);
+    why << "scale is known to " << 100.0 * sigma_scale << " % (sigma), needs " << 100.0 * max_sigma_scale
+        << " %";
+  } else if (!(rms < kLargestPixelRms)) {
+    why << "images and IMU do not fit together yet: reprojection error " << rms << " px";
+  } else if (factors.accelerometer >= kLargestNoiseFactor || factors.gyroscope >= kLargestNoiseFactor) {
+    why << "images and IMU do not fit together yet: IMU noise " << kLargestNoiseFactor
+        << " times the rig file's";
+  }
+  if (why.str().empty() && !(bias < kLargestAccelBias))
+    why << "the accelerometer's bias came out as " << bias << " m/s^2, which no sound sensor has";
+  if (!why.str().empty()) return fail(why.str(), advice);
+  findings_.sigma_scale = sigma_scale;
+  fail("", "");
+  return true;
+}
+
+}  // namespace autocal_vio
