@@ -1,5 +1,6 @@
 #include "autocal_vio/initializer/initialization_attempt.h"
 
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <sstream>
@@ -39,6 +40,15 @@ double relativeScaleSigma(const VisualInertialGraph& graph, const GraphCovarianc
     }
   }
   return spread > 0.0 ? std::sqrt(std::max(0.0, variance)) / spread : 1e3;
+}
+
+// Root of the summed squared distances from the mean [units of the points].
+double spread(const std::vector<Eigen::Vector3d>& points) {
+  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+  for (const Eigen::Vector3d& point : points) mean += point / static_cast<double>(points.size());
+  double sum = 0.0;
+  for (const Eigen::Vector3d& point : points) sum += (point - mean).squaredNorm();
+  return std::sqrt(sum);
 }
 
 }  // namespace
@@ -205,9 +215,29 @@ bool InitializationAttempt::judge(const InitializedProblem& problem) {
   if (why.str().empty() && !(bias < kLargestAccelBias))
     why << "the accelerometer's bias came out as " << bias << " m/s^2, which no sound sensor has";
   if (!why.str().empty()) return fail(why.str(), advice);
+  reportBatch(problem.graph, *covariance);
   findings_.sigma_scale = sigma_scale;
   fail("", "");
   return true;
+}
+
+// The batch knows scale and gravity better than the linear steps, and its covariance holds for its own values.
+void InitializationAttempt::reportBatch(const VisualInertialGraph& graph, const GraphCovariance& covariance) {
+  const Transform T_BC = graph.calibration().T_BC();
+  std::vector<Eigen::Vector3d> refined, structure;
+  for (const FrameState& frame : graph.frames()) refined.push_back((frame.T_WB() * T_BC).translation);
+  for (const AlignmentKeyframe& pose : poses_) structure.push_back(pose.p_VC);
+  findings_.scale = spread(refined) / spread(structure);
+  const FrameState& first = graph.frames().front();
+  findings_.gravity_C0 = (first.rotation() * T_BC.rotation).conjugate() * graph.gravity_W();
+  // Its direction: a rotation of the first pose about anything but the vertical.
+  const Eigen::Vector3d vertical_B = first.rotation().conjugate() * Eigen::Vector3d::UnitZ();
+  const Eigen::Matrix3d level = Eigen::Matrix3d::Identity() - vertical_B * vertical_B.transpose();
+  const Eigen::MatrixXd pose = covariance.block({first.id, BlockKind::kPose});
+  const Eigen::Matrix3d tilt = level * pose.bottomRightCorner<3, 3>() * level;
+  findings_.sigma_gravity =
+      kSigmaInflation *
+      std::sqrt(Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(tilt).eigenvalues().cwiseMax(0.0).maxCoeff());
 }
 
 }  // namespace autocal_vio

@@ -20,7 +20,8 @@ struct SystemOutcome {
   double converged_s = std::numeric_limits<double>::infinity();       ///< first claim
   double rotation_deg = 1e3, translation_m = 1e3, td_ms = 1e3;        ///< at the end
   double rotation_at_claim_deg = 1e3, translation_at_claim_m = 1e3;
-  double largest_sigmas = 0.0;  ///< worst axis of error over published sigma, at the end
+  double largest_sigmas = 0.0;   ///< worst axis of error over published sigma, at the end
+  double rotation_sigmas = 0.0;  ///< of the rotation alone
   double ate_m = 1e3, distance_m = 0.0;
   double scale_at_start = 1.0;
   VioState final_state = VioState::kWaitingForData;
@@ -69,6 +70,8 @@ inline SystemOutcome runSystem(const FeatureDataset& data, const RigModel& rig, 
     Eigen::Matrix<double, 6, 1> error;
     error << translation, rotation;
     outcome.largest_sigmas = error.cwiseQuotient(c.covariance.diagonal().cwiseSqrt()).cwiseAbs().maxCoeff();
+    outcome.rotation_sigmas =
+        error.cwiseQuotient(c.covariance.diagonal().cwiseSqrt()).tail<3>().cwiseAbs().maxCoeff();
     outcome.final_state = update.state;
     outcome.final_reason = update.reason;
     if (!c.T_imu_cam.isFinite()) outcome.finite = false;

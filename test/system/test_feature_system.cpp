@@ -49,10 +49,10 @@ TEST(FeatureSystem, EurocNoiseFromNothing) {
   }
 }
 
-// Nothing in the data tells a shifted principal point from a turned camera: only the published sigma can be right.
-TEST(FeatureSystem, AWrongPrincipalPointIsWithinThePublishedSigma) {
+// The data cannot tell a shifted principal point from a turned camera: only the published sigma can be right.
+TEST(FeatureSystem, ThePublishedRotationSigmaHoldsAWrongPrincipalPoint) {
   FeatureSimulationOptions simulation = FeatureSimulationOptions::euroc(4);
-  simulation.motion.duration = 30.0;
+  simulation.motion.duration = 20.0;
   FeatureDataset data = simulateFeatures(simulation);
   const double focal_length = data.rig.rig.camera->intrinsics[0];
   for (FeatureFrame& frame : data.frames)
@@ -62,12 +62,13 @@ TEST(FeatureSystem, AWrongPrincipalPointIsWithinThePublishedSigma) {
   const SystemOutcome sure = runSystem(data, rig, VioOptions(), verbose());
   rig.camera->sigma_principal_point = 1.0;
   const SystemOutcome honest = runSystem(data, rig, VioOptions(), verbose());
-  print("principal point taken for certain", 4, sure);
-  print("principal point known to 1 px", 4, honest);
-  EXPECT_NEAR(honest.rotation_deg, std::hypot(1.3, 0.9) / focal_length * 57.3, 0.04);
-  EXPECT_GT(sure.largest_sigmas, 4.0);
-  EXPECT_LT(honest.largest_sigmas, 2.0);
-  EXPECT_EQ(honest.converged_s, sure.converged_s);  // moving on does not help: it is not waited for
+  std::printf(
+      "rotation error %.3f deg, translation %.1f mm; rotation %.1f sigma with a principal point taken for "
+      "certain, %.1f with one known to 1 px\n",
+      honest.rotation_deg, 1e3 * honest.translation_m, sure.rotation_sigmas, honest.rotation_sigmas);
+  EXPECT_GT(sure.rotation_sigmas, 3.0);
+  EXPECT_LT(honest.rotation_sigmas, 2.0);
+  EXPECT_EQ(honest.converged_s, sure.converged_s);  // more motion does not help: it is not waited for
 }
 
 TEST(FeatureSystem, StandstillClaimsNothing) {

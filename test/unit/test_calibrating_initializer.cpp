@@ -83,6 +83,12 @@ TEST(CalibratingInitializer, ExactDataGiveTheCalibrationAndAnUprightWorld) {
       travelled += (truth.translation - data.truth[before].T_WB.translation).norm();
     }
     EXPECT_NEAR(estimated / travelled, 1.0, 0.005) << seed;
+    // What the status shows is the same solution.
+    const Transform T_WC0 = frames.front().T_WB() * T_BC;
+    const Eigen::Vector3d gravity_W(0.0, 0.0, -9.81);
+    EXPECT_LT((initializer.status().gravity_C0 - T_WC0.rotation.conjugate() * gravity_W).norm(), 1e-9);
+    EXPECT_LT(initializer.status().sigma_gravity, 0.02);
+    EXPECT_GT(initializer.status().sigma_gravity, 1e-5);
   }
 }
 

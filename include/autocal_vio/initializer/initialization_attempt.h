@@ -39,11 +39,11 @@ struct AttemptInput {
   GraphOptions graph_options;
 };
 
-/// What the linear steps and the batch have found, for the status. Sigmas are one sigma.
+/// What has been found, for the status: by the linear steps, and by the batch once it is accepted. Sigmas are one sigma.
 struct AttemptFindings {
   std::string reason;         ///< what is missing, in words
   std::string motion_advice;  ///< which motion would help
-  double scale = 0.0;         ///< of the linear steps [m per structure unit]; 0: none
+  double scale = 0.0;         ///< [m per structure unit]; 0: none
   double sigma_scale = 1e3;   ///< relative
   Eigen::Vector3d gravity_C0 = Eigen::Vector3d::Zero();  ///< in the first keyframe's camera [m/s^2]
   double sigma_gravity = 1e3;                            ///< [rad]
@@ -77,6 +77,7 @@ class InitializationAttempt {
   InitializedProblem buildProblem() const;
   bool refine(InitializedProblem* problem);
   bool judge(const InitializedProblem& problem);
+  void reportBatch(const VisualInertialGraph& graph, const GraphCovariance& covariance);
   bool fail(const std::string& reason, const std::string& advice);
 
   AttemptInput input_;
