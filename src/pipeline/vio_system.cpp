@@ -7,11 +7,11 @@
 #include <stdexcept>
 #include <utility>
 
+#include "autocal_vio/common/stage_clock.h"
 #include "autocal_vio/frontend/feature_tracker.h"
 #include "autocal_vio/imu/imu_plausibility.h"
 #include "autocal_vio/pipeline/measurement_sync.h"
 #include "autocal_vio/pipeline/session.h"
-#include "autocal_vio/common/stage_clock.h"
 
 namespace autocal_vio {
 namespace {

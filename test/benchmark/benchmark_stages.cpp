@@ -10,11 +10,11 @@
 #include <opencv2/video/tracking.hpp>
 #include <vector>
 
+#include "autocal_vio/common/stage_clock.h"
 #include "autocal_vio/estimator/sliding_window_estimator.h"
 #include "autocal_vio/factors/imu_factor.h"
 #include "autocal_vio/factors/reprojection_factor.h"
 #include "autocal_vio/frontend/feature_tracker.h"
-#include "autocal_vio/common/stage_clock.h"
 #include "autocal_vio/pipeline/vio_system.h"
 #include "autocal_vio/sim/feature_simulator.h"
 #include "autocal_vio/sim/rig_simulator.h"

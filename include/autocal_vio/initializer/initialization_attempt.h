@@ -41,10 +41,10 @@ struct AttemptInput {
 
 /// What has been found, for the status: by the linear steps, and by the batch once it is accepted. Sigmas are one sigma.
 struct AttemptFindings {
-  std::string reason;         ///< what is missing, in words
-  std::string motion_advice;  ///< which motion would help
-  double scale = 0.0;         ///< [m per structure unit]; 0: none
-  double sigma_scale = 1e3;   ///< relative
+  std::string reason;                                    ///< what is missing, in words
+  std::string motion_advice;                             ///< which motion would help
+  double scale = 0.0;                                    ///< [m per structure unit]; 0: none
+  double sigma_scale = 1e3;                              ///< relative
   Eigen::Vector3d gravity_C0 = Eigen::Vector3d::Zero();  ///< in the first keyframe's camera [m/s^2]
   double sigma_gravity = 1e3;                            ///< [rad]
   Eigen::Vector3d p_BC = Eigen::Vector3d::Zero();        ///< [m]
