@@ -73,4 +73,13 @@ sensor_msgs::CameraInfo toCameraInfo(TimeNs stamp, const CameraIntrinsics& intri
   return message;
 }
 
+geometry_msgs::Vector3Stamped toVectorMessage(TimeNs stamp, const Eigen::Vector3d& vector,
+                                              const std::string& frame) {
+  geometry_msgs::Vector3Stamped message;
+  message.header.stamp = toRosTime(stamp);
+  message.header.frame_id = frame;
+  message.vector = toVector(vector);
+  return message;
+}
+
 }  // namespace autocal_vio

@@ -44,6 +44,10 @@ SimulatedRigRos::SimulatedRigRos(const ros::NodeHandle& nh, const ros::NodeHandl
   truth_extrinsics_publisher_ =
       private_handle.advertise<geometry_msgs::PoseStamped>("truth_extrinsics", 1, true);
   truth_time_offset_publisher_ = private_handle.advertise<std_msgs::Float64>("truth_time_offset", 1, true);
+  truth_gyroscope_bias_publisher_ =
+      private_handle.advertise<geometry_msgs::Vector3Stamped>("truth_gyroscope_bias", 50);
+  truth_accelerometer_bias_publisher_ =
+      private_handle.advertise<geometry_msgs::Vector3Stamped>("truth_accelerometer_bias", 50);
   bump_server_ = private_handle.advertiseService("bump", &SimulatedRigRos::bump, this);
   simulating_ = std::thread([this] { simulate(); });
   sending_ = std::thread([this] { send(); });
@@ -155,7 +159,16 @@ void SimulatedRigRos::publishTruth(const TruthSample& truth) {
   state.angular_velocity_B = truth.angular_velocity_B;
   const OdometryFrames frames{parameters_.world_frame, parameters_.imu_frame, Transform()};
   truth_publisher_.publish(toOdometry(stamp, state, Eigen::Matrix3d::Zero(), frames));
+  const auto inImuFrame = [&](const Eigen::Vector3d& bias) {
+    return toVectorMessage(shifted(truth.stamp), bias, parameters_.imu_frame);
+  };
+  truth_gyroscope_bias_publisher_.publish(inImuFrame(truth.bias.gyroscope));
+  truth_accelerometer_bias_publisher_.publish(inImuFrame(truth.bias.accelerometer));
+  publishTrueCalibration(stamp, truth);
+}
 
+// Latched, and only where it has changed.
+void SimulatedRigRos::publishTrueCalibration(const ros::Time& stamp, const TruthSample& truth) {
   const Transform& T = truth.T_imu_cam;
   const bool same = published_extrinsics_ && published_extrinsics_->translation == T.translation &&
                     published_extrinsics_->rotation.coeffs() == T.rotation.coeffs();

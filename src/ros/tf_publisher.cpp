@@ -16,9 +16,11 @@ void TfPublisher::send(const ros::Time& stamp, const std::string& parent, const 
   if (given_up_.count(child) > 0 || (ros::WallTime::now() - start_).toSec() < 1.0) return;
   if (const std::optional<std::string> other = watch_.foreignParent(child)) {
     given_up_.insert(child);
-    ROS_WARN_STREAM(name_ << ": frame '" << child << "' has the parent '" << *other
-                          << "' already, published by somebody else; not broadcasting '" << parent << "' -> '"
-                          << child << "'");
+    const std::string conflict = "frame '" + child + "' has the parent '" + *other +
+                                 "' already, published by somebody else; not broadcasting '" + parent +
+                                 "' -> '" + child + "'";
+    ROS_WARN_STREAM(name_ << ": " << conflict);
+    conflicts_ += (conflicts_.empty() ? "" : "; ") + conflict;
     return;
   }
   geometry_msgs::TransformStamped message;

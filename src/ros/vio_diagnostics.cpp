@@ -7,7 +7,8 @@ namespace {
 
 using diagnostic_msgs::DiagnosticStatus;
 
-constexpr double kSlowMs = 200.0;  // from the arrival of an image to its result
+constexpr double kSlowMs = 200.0;          // from the arrival of an image to its result
+constexpr unsigned int kFewFeatures = 15;  // fewer carry no estimate for long
 
 unsigned char levelOf(const std::string& state) {
   if (state == CalibrationStatus::LOST) return DiagnosticStatus::ERROR;
@@ -27,6 +28,7 @@ VioDiagnostics::VioDiagnostics(const ros::NodeHandle& nh, const ros::NodeHandle&
   updater_.add("inputs", this, &VioDiagnostics::reportInputs);
   updater_.add("processing", this, &VioDiagnostics::reportProcessing);
   updater_.add("estimation", this, &VioDiagnostics::reportEstimation);
+  updater_.add("outputs", this, &VioDiagnostics::reportOutputs);
 }
 
 void VioDiagnostics::update() {
@@ -34,11 +36,10 @@ void VioDiagnostics::update() {
   VioHealth health = health_();
   const bool news = health.input_problem.has_value() != now_.input_problem.has_value();
   if (!news && (now - published_).toSec() < updater_.getPeriod()) return;
+  elapsed_ = published_.isZero() ? 0.0 : (now - published_).toSec();
   published_ = now;
-  now_ = std::move(health);
+  before_ = std::exchange(now_, std::move(health));
   updater_.force_update();
-  images_dropped_before_ = now_.status.images_dropped;
-  imu_dropped_before_ = now_.status.imu_dropped;
 }
 
 void VioDiagnostics::reportInputs(diagnostic_updater::DiagnosticStatusWrapper& report) {
@@ -53,15 +54,16 @@ void VioDiagnostics::reportInputs(diagnostic_updater::DiagnosticStatusWrapper& r
 
 void VioDiagnostics::reportProcessing(diagnostic_updater::DiagnosticStatusWrapper& report) {
   const CalibrationStatus& status = now_.status;
-  const auto images = static_cast<unsigned long>(status.images_dropped - images_dropped_before_);
-  const auto samples = static_cast<unsigned long>(status.imu_dropped - imu_dropped_before_);
-  report.summaryf(DiagnosticStatus::OK, "%.0f ms after the image", status.latency_ms);
+  const auto images = static_cast<unsigned long>(status.images_dropped - before_.status.images_dropped);
+  const auto samples = static_cast<unsigned long>(status.imu_dropped - before_.status.imu_dropped);
+  report.summaryf(DiagnosticStatus::OK, "results come %.0f ms after their image", status.latency_ms);
+  if (status.images_processed == 0) report.summary(DiagnosticStatus::OK, "no image processed yet");
   if (status.latency_ms > kSlowMs)
     report.summaryf(DiagnosticStatus::WARN, "late: %.0f ms (too slow a machine? see ~max_image_rate)",
                     status.latency_ms);
   if (images + samples > 0) {
-    report.summaryf(DiagnosticStatus::WARN, "dropped just now: %lu images, %lu IMU messages", images,
-                    samples);
+    report.summaryf(DiagnosticStatus::WARN,
+                    "dropped just now: %lu images, %lu IMU messages (the log says why)", images, samples);
   }
   report.add("images processed", status.images_processed);
   report.add("images left out (max_image_rate)", now_.images_skipped);
@@ -77,6 +79,10 @@ void VioDiagnostics::reportProcessing(diagnostic_updater::DiagnosticStatusWrappe
 void VioDiagnostics::reportEstimation(diagnostic_updater::DiagnosticStatusWrapper& report) {
   const CalibrationStatus& status = now_.status;
   report.summary(levelOf(status.state), status.state + ": " + status.reason);
+  if (report.level == DiagnosticStatus::OK && status.tracked_features < kFewFeatures) {
+    report.summaryf(DiagnosticStatus::WARN, "%s, but only %u points are tracked: %s", status.state.c_str(),
+                    status.tracked_features, status.reason.c_str());
+  }
   report.add("motion advice", status.motion_advice);
   report.add("tracked features", status.tracked_features);
   report.add("resets", status.resets);
@@ -86,6 +92,23 @@ void VioDiagnostics::reportEstimation(diagnostic_updater::DiagnosticStatusWrappe
     report.addf(std::string("sigma of rotation ") + "xyz"[k] + " [rad]", "%.5f", status.sigma_rotation[k]);
   }
   report.addf("time offset [s]", "%.5f +- %.5f", status.time_offset, status.sigma_time_offset);
+}
+
+void VioDiagnostics::reportOutputs(diagnostic_updater::DiagnosticStatusWrapper& report) {
+  const OutputHealth& outputs = now_.outputs;
+  const auto messages = static_cast<double>(outputs.odometry_messages - before_.outputs.odometry_messages);
+  const double rate = elapsed_ > 0.0 ? messages / elapsed_ : 0.0;
+  if (!outputs.odometry_problem.empty()) {
+    report.summary(DiagnosticStatus::ERROR, outputs.odometry_problem);
+  } else if (!outputs.tf_conflicts.empty()) {
+    report.summary(DiagnosticStatus::WARN, outputs.tf_conflicts);
+  } else if (rate > 0.0) {
+    report.summaryf(DiagnosticStatus::OK, "odometry %s, %.1f Hz", outputs.odometry_frames.c_str(), rate);
+  } else {
+    report.summary(DiagnosticStatus::OK, "no odometry now");
+  }
+  report.addf("odometry rate [Hz]", "%.2f", rate);
+  report.add("odometry messages", outputs.odometry_messages);
 }
 
 }  // namespace autocal_vio

@@ -43,6 +43,13 @@ void VioOutputs::publish(const VioUpdate& update) {
   if (update.odometry) publishOdometry(update, *update.odometry);
   publishExtrinsics(update);
   publishPictures(update);
+  const std::lock_guard<std::mutex> lock(latest_mutex_);
+  health_.tf_conflicts = tf_.conflicts();
+}
+
+OutputHealth VioOutputs::health() const {
+  const std::lock_guard<std::mutex> lock(latest_mutex_);
+  return health_;
 }
 
 void VioOutputs::publishOdometry(const VioUpdate& update, const OdometryEstimate& odometry) {
@@ -51,6 +58,8 @@ void VioOutputs::publishOdometry(const VioUpdate& update, const OdometryEstimate
   const std::optional<Transform> T_imu_child = base_frame_.inImu(imu_frame, &problem);
   if (!T_imu_child) {
     log_->warn("base_frame", problem);
+    const std::lock_guard<std::mutex> lock(latest_mutex_);
+    health_.odometry_problem = problem;
     return;
   }
   const OdometryFrames frames{parameters_.odom_frame, base_frame_.childFrame(imu_frame), *T_imu_child};
@@ -67,6 +76,7 @@ void VioOutputs::publishOdometry(const VioUpdate& update, const OdometryEstimate
     return;
   }
   odometry_publisher_.publish(message);
+  noteOdometry(frames);
   path_.add(*message);
   if (parameters_.publish_odom_tf) {
     tf_.send(stamp, frames.odom_frame, frames.child_frame, odometry.T_odom_imu * *T_imu_child);
@@ -74,6 +84,13 @@ void VioOutputs::publishOdometry(const VioUpdate& update, const OdometryEstimate
   if (path_publisher_.getNumSubscribers() > 0) {
     if (const nav_msgs::PathPtr path = path_.due()) path_publisher_.publish(path);
   }
+}
+
+void VioOutputs::noteOdometry(const OdometryFrames& frames) {
+  const std::lock_guard<std::mutex> lock(latest_mutex_);
+  health_.odometry_problem.clear();
+  health_.odometry_frames = frames.odom_frame + " -> " + frames.child_frame;
+  ++health_.odometry_messages;
 }
 
 void VioOutputs::publishImuOdometry(const MotionState& state) {

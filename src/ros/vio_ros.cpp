@@ -219,6 +219,7 @@ VioHealth VioRos::health() const {
   health.images_skipped = inputs_->imagesSkipped();
   health.input_problem = inputs_->silence();
   if (!health.input_problem) health.input_problem = inputs_->disagreement();
+  health.outputs = outputs_.health();
   const std::lock_guard<std::mutex> lock(mutex_);
   health.status = last_status_;
   return health;

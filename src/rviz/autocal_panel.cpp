@@ -148,13 +148,15 @@ void AutocalPanel::poll() {
 
 void AutocalPanel::take(StatusBatch batch) {
   for (const TruthStep& step : batch.truth) truth_.add(step);
+  for (const TruthBias& bias : batch.true_biases) truth_.addBias(bias.first, bias.stamp, bias.channels);
   if (batch.true_time_offset) truth_.setTimeOffset(*batch.true_time_offset);
   for (StatusSample& sample : batch.samples) history_.add(std::move(sample));
   if (batch.latest) {
     status_view_->showStatus(*batch.latest);
     since_message_.start();
   }
-  stale_ = stale_ || batch.latest || !batch.truth.empty() || batch.true_time_offset;
+  stale_ =
+      stale_ || batch.latest || !batch.truth.empty() || !batch.true_biases.empty() || batch.true_time_offset;
 }
 
 void AutocalPanel::refresh() {

@@ -90,7 +90,8 @@ void CalibrationPlot::makeCurves() {
     curves_.back()->setZ(2.0);
     curves_.back()->attach(plot_);
     truths_.push_back(new QwtPlotCurve);
-    truths_.back()->setPen(QColor(30, 30, 30), 1.2, Qt::DashLine);
+    const QColor colour = spec_.curves.size() > 1 ? curve.colour.darker(160) : QColor(30, 30, 30);
+    truths_.back()->setPen(colour, 1.2, Qt::DashLine);
     truths_.back()->setZ(3.0);
     truths_.back()->setItemAttribute(QwtPlotItem::AutoScale, false);
     truths_.back()->attach(plot_);

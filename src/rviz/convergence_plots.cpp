@@ -41,10 +41,14 @@ std::vector<PlotSpec> extrinsicsPlots() {
           single("y", "cm", kPositionY, 2, 0.2, position),
           single("roll", "°", kRoll, 2, 0.2, rotation),
           single("z", "cm", kPositionZ, 2, 0.2, position),
-          single("time offset", "ms", kTimeOffset, 2, 0.2, "t_imu = t_cam + time offset. Shaded: 3 sigma.")};
+          single("time offset", "ms", kTimeOffset, 2, 0.2,
+                 "t_imu = t_cam + time offset. Shaded: 3 sigma. Dashed: the truth, where a simulated rig "
+                 "tells it.")};
 }
 
 std::vector<PlotSpec> otherPlots() {
+  const QString bias =
+      "Along the axes of the IMU. Shaded: 3 sigma. Dashed: the truth, where a simulated rig tells it.";
   PlotSpec singular{
       "singular values",
       "",
@@ -55,13 +59,12 @@ std::vector<PlotSpec> otherPlots() {
        {static_cast<Channel>(kSingularValue + 1), "s2", kBlue},
        {static_cast<Channel>(kSingularValue + 2), "s3", kGreen},
        {static_cast<Channel>(kSingularValue + 3), "s4", kRed}}};
-  return {
-      vector("gyro bias", "°/s", kGyroscopeBias, 0.01, "Along the axes of the IMU. Shaded: 3 sigma."),
-      vector("accel. bias", "m/s²", kAccelerometerBias, 0.01, "Along the axes of the IMU. Shaded: 3 sigma."),
-      single("scale", "m", kScale, 4, 0.01, "Metres per unit of the visual structure. Shaded: 3 sigma."),
-      vector("gravity", "m/s²", kGravity, 0.1,
-             "In the frame of the first keyframe's camera. Shaded: 3 sigma of its direction."),
-      singular};
+  return {vector("gyro bias", "°/s", kGyroscopeBias, 0.01, bias),
+          vector("accel. bias", "m/s²", kAccelerometerBias, 0.01, bias),
+          single("scale", "m", kScale, 4, 0.01, "Metres per unit of the visual structure. Shaded: 3 sigma."),
+          vector("gravity", "m/s²", kGravity, 0.1,
+                 "In the frame of the first keyframe's camera. Shaded: 3 sigma of its direction."),
+          singular};
 }
 
 }  // namespace

@@ -6,7 +6,8 @@ import unittest
 import numpy
 import rospy
 import rostest
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TransformStamped
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TransformStamped, Vector3Stamped
 from nav_msgs.msg import Odometry, Path
 from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2
 from tf2_msgs.msg import TFMessage
@@ -30,10 +31,13 @@ class LiveSimulation(unittest.TestCase):
     def setUpClass(cls):
         topics = {'truth': ('/simulated_rig/truth', Odometry), 'info': ('/cam0/camera_info', CameraInfo),
                   'imu': ('/imu0', Imu), 'truth_extrinsics': ('/simulated_rig/truth_extrinsics', PoseStamped),
+                  'truth_gyroscope_bias': ('/simulated_rig/truth_gyroscope_bias', Vector3Stamped),
+                  'truth_accelerometer_bias': ('/simulated_rig/truth_accelerometer_bias', Vector3Stamped),
                   'status': ('/vio/calibration_status', CalibrationStatus), 'odometry': ('/vio/odometry', Odometry),
                   'odometry_imu': ('/vio/odometry_imu', Odometry), 'path': ('/vio/path', Path),
                   'landmarks': ('/vio/landmarks', PointCloud2), 'tracks': ('/vio/tracks', Image),
-                  'extrinsics': ('/vio/extrinsics', PoseWithCovarianceStamped), 'tf': ('/tf', TFMessage)}
+                  'diagnostics': ('/diagnostics', DiagnosticArray), 'tf': ('/tf', TFMessage),
+                  'extrinsics': ('/vio/extrinsics', PoseWithCovarianceStamped)}
         cls.all = {name: Collector(*topic) for name, topic in topics.items()}
         cls.started = cls.all['odometry'].wait(lambda m: True, 45.0)
 
@@ -60,6 +64,19 @@ class LiveSimulation(unittest.TestCase):
         self.assertAlmostEqual(numpy.median(numpy.diff(imu)) * 1e-9, 0.005, places=4)
         self.assertLess(abs(imu[-1] - images[-1]) * 1e-9, 0.5)
         self.assertEqual(len(self.messages('truth_extrinsics')), 1)
+
+    def test_1_the_rig_tells_its_biases(self):
+        images = set(stamps(self.messages('info')))
+        for name, field in (('truth_gyroscope_bias', 'gyroscope_bias'), ('truth_accelerometer_bias', 'accelerometer_bias')):
+            told = self.messages(name)
+            self.assertTrue(all(stamp in images for stamp in stamps(told)[:-5]))
+            truth = numpy.array([[m.vector.x, m.vector.y, m.vector.z] for m in told])
+            self.assertGreater(numpy.linalg.norm(truth[-1]), 0.01)
+            status = self.messages('status')[-1]
+            found, sigma = getattr(status, field), getattr(status, 'sigma_' + field)
+            for k, axis in enumerate('xyz'):
+                error = abs(getattr(found, axis) - truth[-1, k])
+                self.assertLess(error, 5.0 * getattr(sigma, axis) + 1e-3, name + ' ' + axis)
 
     def test_2_every_image_has_a_status(self):
         # An image that waits for the IMU has a status at once and another one as its result: then the count has grown.
@@ -147,6 +164,9 @@ class LiveSimulation(unittest.TestCase):
         self.assertEqual(transforms(self.all['tf'], 'cam0'), [])
         self.assertTrue(log.has("frame 'cam0' has the parent 'mast' already"))
         self.assertEqual(log.count("not broadcasting 'imu0' -> 'cam0'"), 1)
+        warned = self.all['diagnostics'].wait(
+            lambda d: any(s.name.endswith('outputs') and s.level == 1 and "the parent 'mast'" in s.message for s in d.status))
+        self.assertIsNotNone(warned, 'the diagnostics do not name the conflict')
 
     def test_9_bump(self):
         bump = rospy.ServiceProxy('/simulated_rig/bump', BumpMount)

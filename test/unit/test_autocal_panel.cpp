@@ -76,13 +76,21 @@ TEST_F(AutocalPanelTest, AnHourOfMessagesAtSpeed) {
   truth.truth.push_back({fromSeconds(1000.0), {90.0, 0.0, 0.0, 1.0, 2.0, 3.0}});
   truth.true_time_offset = 4.0;
   panel_.take(truth);
-  panel_.take(batchOf(1, 20));
+  const auto batchWithTruth = [](std::uint64_t first, std::uint64_t last) {
+    StatusBatch batch = batchOf(first, last);
+    for (const StatusSample& sample : batch.samples) {
+      batch.true_biases.push_back({kGyroscopeBias, sample.stamp, {0.57, 0.0, 0.0}});
+      batch.true_biases.push_back({kAccelerometerBias, sample.stamp, {0.0, -0.05, 0.0}});
+    }
+    return batch;
+  };
+  panel_.take(batchWithTruth(1, 20));
   redraw(&panel_);
   const double memory_before = residentMegabytes();
   std::vector<double> times;
   constexpr std::uint64_t kStep = 100;
   for (std::uint64_t image = 21; image <= kHour; image += kStep) {
-    panel_.take(batchOf(image, std::min(kHour, image + kStep - 1)));
+    panel_.take(batchWithTruth(image, std::min(kHour, image + kStep - 1)));
     plots()->setCurrentIndex(static_cast<int>(image / kStep / 10 % 2));  // each tab ten times running
     QApplication::processEvents();
     const double start = cpuMilliseconds();

@@ -24,6 +24,7 @@ KalibrCamchain exampleCamchain() {
       0.00020293673591811182;
   camchain.camera.width = 512;
   camchain.camera.height = 512;
+  camchain.camera.sigma_principal_point = 1.25;
   camchain.image_topic = "/it's/image";
   camchain.T_imu_cam =
       Transform(expSo3(Eigen::Vector3d(0.4, -1.2, 2.1)), Eigen::Vector3d(0.05, -0.07, 1.0 / 3.0));
@@ -70,6 +71,7 @@ TEST(KalibrYaml, RoundTrip) {
   EXPECT_EQ(rig.camera->distortion_coeffs, camchain.camera.distortion_coeffs);
   EXPECT_EQ(rig.camera->distortion_model, DistortionModel::kEquidistant);
   EXPECT_EQ(rig.camera->width, 512);
+  EXPECT_EQ(rig.camera->sigma_principal_point, 1.25);
   EXPECT_EQ(rig.image_topic, "/it's/image");
   ASSERT_TRUE(rig.extrinsics_prior);
   const Transform difference = rig.extrinsics_prior->T_imu_cam.inverse() * *camchain.T_imu_cam;
@@ -88,7 +90,7 @@ TEST(KalibrYaml, WithoutATransformOnlyTheCameraIsWritten) {
   const std::string path = folder.path("camchain-imucam.yaml");
   ASSERT_EQ(writeKalibrCamchain(path, camchain), std::nullopt);
   const std::string text = readWholeFile(path);
-  for (const char* part : {"T_cam_imu", "timeshift_cam_imu:", "sigma_"})
+  for (const char* part : {"T_cam_imu", "timeshift_cam_imu:", "sigma_rotation", "sigma_timeshift"})
     EXPECT_EQ(text.find(part), std::string::npos);
   EXPECT_NE(text.find("intrinsics: [190.97847715128717"), std::string::npos);
 }

@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 #include <random>
 
@@ -236,6 +237,36 @@ TEST(TruthTrack, StepsOfAMountThatIsKnocked) {
   EXPECT_TRUE(truth.curve(kScale, 0, 100, 0.0).empty());
   truth.add({5, {0, 0, 0, 7.0, 0, 0}});  // the simulation began anew
   EXPECT_EQ(truth.curve(kPositionX, 0, 100, 0.0).size(), 2u);
+}
+
+TEST(TruthTrack, BiasesWanderAndAnHourOfThemStaysSmall) {
+  TruthTrack truth;
+  EXPECT_TRUE(truth.curve(kGyroscopeBias, 0, fromSeconds(100.0), 0.0).empty());
+  const auto bias = [](double time) { return std::array<double, 3>{1.0, 0.001 * time, -2.0}; };
+  for (double time = 0.0; time <= 3600.0; time += 0.05) {
+    truth.addBias(kGyroscopeBias, fromSeconds(time), bias(time));
+    if (time < 10.0) truth.addBias(kAccelerometerBias, fromSeconds(time), bias(time));
+  }
+  const auto y = truth.curve(static_cast<Channel>(kGyroscopeBias + 1), 0, fromSeconds(3600.0), 0.0);
+  EXPECT_LT(y.size(), 500u);
+  EXPECT_GT(y.size(), 150u);
+  EXPECT_EQ(y.front().stamp, 0);
+  EXPECT_EQ(y.back().stamp, fromSeconds(3600.0));
+  for (const TruthTrack::Point& point : y)
+    EXPECT_NEAR(point.value, 0.001 * toSeconds(point.stamp), 0.03) << "of 3.6 in an hour";
+  const auto part =
+      truth.curve(static_cast<Channel>(kGyroscopeBias + 1), fromSeconds(1000.0), fromSeconds(1060.0), 0.0);
+  EXPECT_EQ(part.front().stamp, fromSeconds(1000.0));
+  EXPECT_EQ(part.back().stamp, fromSeconds(1060.0));
+  EXPECT_NEAR(part.back().value, 1.06, 0.03);
+  const auto still = truth.curve(static_cast<Channel>(kAccelerometerBias + 2), fromSeconds(2000.0),
+                                 fromSeconds(2060.0), 0.0);
+  ASSERT_EQ(still.size(), 2u) << "level after the last one";
+  EXPECT_EQ(still.front().value, -2.0);
+  truth.addBias(kGyroscopeBias, fromSeconds(5.0), {7.0, 7.0, 7.0});  // the simulation began anew
+  EXPECT_EQ(truth.curve(kGyroscopeBias, 0, fromSeconds(3600.0), 0.0).front().value, 7.0);
+  truth.clear();
+  EXPECT_TRUE(truth.curve(kAccelerometerBias, 0, fromSeconds(100.0), 0.0).empty());
 }
 
 TEST(PlotScales, RangeOfSettledValuesHoldsTheTruth) {

@@ -1,6 +1,7 @@
 // Core values to sensor messages: what drivers of a camera and an IMU would send.
 #pragma once
 
+#include <geometry_msgs/Vector3Stamped.h>
 #include <sensor_msgs/CameraInfo.h>
 #include <sensor_msgs/Image.h>
 #include <sensor_msgs/Imu.h>
@@ -22,5 +23,9 @@ sensor_msgs::ImagePtr toImageMessage(TimeNs stamp, const cv::Mat& image, const s
 /// plumb_bob or equidistant; of the raw image (R identity, P from K).
 sensor_msgs::CameraInfo toCameraInfo(TimeNs stamp, const CameraIntrinsics& intrinsics,
                                      const std::string& frame);
+
+/// A bias or another vector in the axes of `frame`.
+geometry_msgs::Vector3Stamped toVectorMessage(TimeNs stamp, const Eigen::Vector3d& vector,
+                                              const std::string& frame);
 
 }  // namespace autocal_vio

@@ -41,6 +41,7 @@ class SimulatedRigRos {
   bool waitUntil(const ros::Time& due);
   void publish(const Ready& ready);
   void publishTruth(const TruthSample& truth);
+  void publishTrueCalibration(const ros::Time& stamp, const TruthSample& truth);
   bool bump(BumpMount::Request& request, BumpMount::Response& response);
   TimeNs shifted(TimeNs stamp) const { return stamp + shift_; }
 
@@ -56,6 +57,8 @@ class SimulatedRigRos {
   ros::Publisher truth_publisher_;
   ros::Publisher truth_extrinsics_publisher_;
   ros::Publisher truth_time_offset_publisher_;
+  ros::Publisher truth_gyroscope_bias_publisher_;
+  ros::Publisher truth_accelerometer_bias_publisher_;
   image_transport::Publisher image_publisher_;
   // Used by the sending thread only:
   std::optional<Transform> published_extrinsics_;

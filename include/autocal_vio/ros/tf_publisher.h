@@ -23,12 +23,16 @@ class TfPublisher {
   void send(const ros::Time& stamp, const std::string& parent, const std::string& child,
             const Transform& T_parent_child);
 
+  /// What is not broadcast and why; empty where there is no conflict.
+  const std::string& conflicts() const { return conflicts_; }
+
  private:
   const std::string name_;
   const ros::WallTime start_;
   TfParentWatch watch_;
   tf2_ros::TransformBroadcaster broadcaster_;
   std::set<std::string> given_up_;  ///< children that somebody else publishes
+  std::string conflicts_;
 };
 
 }  // namespace autocal_vio

@@ -1,4 +1,4 @@
-// /diagnostics: inputs, processing and estimation of one nodelet.
+// /diagnostics: inputs, processing, estimation and outputs of one nodelet.
 #pragma once
 
 #include <autocal_vio/CalibrationStatus.h>
@@ -10,6 +10,8 @@
 #include <optional>
 #include <string>
 
+#include "autocal_vio/ros/vio_outputs.h"
+
 namespace autocal_vio {
 
 /// What the diagnostics speak of.
@@ -19,6 +21,7 @@ struct VioHealth {
   double imu_rate = 0.0;             ///< [Hz]
   std::uint64_t images_skipped = 0;  ///< the camera is faster than ~max_image_rate
   std::optional<std::string> input_problem;
+  OutputHealth outputs;
 };
 
 /// Called from one thread.
@@ -35,13 +38,13 @@ class VioDiagnostics {
   void reportInputs(diagnostic_updater::DiagnosticStatusWrapper& report);
   void reportProcessing(diagnostic_updater::DiagnosticStatusWrapper& report);
   void reportEstimation(diagnostic_updater::DiagnosticStatusWrapper& report);
+  void reportOutputs(diagnostic_updater::DiagnosticStatusWrapper& report);
 
   std::function<VioHealth()> health_;
   diagnostic_updater::Updater updater_;
-  VioHealth now_;
+  VioHealth now_, before_;  ///< of this report and of the last one
   ros::WallTime published_;
-  std::uint64_t images_dropped_before_ = 0;
-  std::uint64_t imu_dropped_before_ = 0;
+  double elapsed_ = 0.0;  ///< between the two [s]
 };
 
 }  // namespace autocal_vio

@@ -4,7 +4,7 @@
 #include <image_transport/image_transport.h>
 #include <ros/node_handle.h>
 
-#include <atomic>
+#include <cstdint>
 #include <mutex>
 #include <string>
 
@@ -19,6 +19,14 @@
 
 namespace autocal_vio {
 
+/// What comes out, for the diagnostics.
+struct OutputHealth {
+  std::string odometry_problem;  ///< why none is published; empty where it is, or where there is no estimate
+  std::string tf_conflicts;      ///< transforms that are not broadcast, and why
+  std::uint64_t odometry_messages = 0;
+  std::string odometry_frames;  ///< such as odom -> base_link; empty before the first message
+};
+
 class VioOutputs {
  public:
   /// `frames` and `log` must live longer than this.
@@ -31,6 +39,9 @@ class VioOutputs {
   /// Any thread.
   void publishStatus(const CalibrationStatus& status) { status_publisher_.publish(status); }
 
+  /// Any thread.
+  OutputHealth health() const;
+
   /// A state carried on to an IMU sample, as ~odometry_imu. From the thread of the IMU callback only.
   void publishImuOdometry(const MotionState& state);
 
@@ -40,6 +51,7 @@ class VioOutputs {
 
  private:
   void publishOdometry(const VioUpdate& update, const OdometryEstimate& odometry);
+  void noteOdometry(const OdometryFrames& frames);
   void publishExtrinsics(const VioUpdate& update);
   void publishPictures(const VioUpdate& update);
 
@@ -52,7 +64,8 @@ class VioOutputs {
   TfPublisher tf_;
   PathRecorder path_;
   // Guarded by latest_mutex_: what ~odometry_imu takes over from the last ~odometry.
-  std::mutex latest_mutex_;
+  mutable std::mutex latest_mutex_;
+  OutputHealth health_;
   OdometryFrames latest_frames_;
   Eigen::Matrix3d latest_angular_covariance_B_ = Eigen::Matrix3d::Zero();
   // Thread-safe by themselves:

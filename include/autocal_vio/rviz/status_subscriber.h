@@ -3,11 +3,13 @@
 
 #include <autocal_vio/CalibrationStatus.h>
 #include <geometry_msgs/PoseStamped.h>
+#include <geometry_msgs/Vector3Stamped.h>
 #include <ros/callback_queue.h>
 #include <ros/node_handle.h>
 #include <ros/spinner.h>
 #include <std_msgs/Float64.h>
 
+#include <array>
 #include <deque>
 #include <mutex>
 #include <optional>
@@ -19,11 +21,19 @@
 
 namespace autocal_vio {
 
+/// A true bias: three channels from `first` on, in their units.
+struct TruthBias {
+  Channel first = kGyroscopeBias;
+  TimeNs stamp = 0;
+  std::array<double, 3> channels{};
+};
+
 /// What has come since the last time.
 struct StatusBatch {
   std::deque<StatusSample> samples;
   CalibrationStatus::ConstPtr latest;  ///< null when nothing came
   std::vector<TruthStep> truth;
+  std::vector<TruthBias> true_biases;
   std::optional<double> true_time_offset;  ///< [ms]
 };
 
@@ -44,13 +54,15 @@ class StatusSubscriber {
   void receiveStatus(const CalibrationStatus::ConstPtr& message);
   void receiveTruth(const geometry_msgs::PoseStamped::ConstPtr& message);
   void receiveTimeOffset(const std_msgs::Float64::ConstPtr& message);
+  void receiveBias(Channel first, double factor, const geometry_msgs::Vector3Stamped& message);
+  void subscribeTruth(const std::string& simulated_rig);
 
   std::mutex mutex_;
   StatusBatch waiting_;  ///< guarded by mutex_
   ros::CallbackQueue callbacks_;
   ros::NodeHandle nh_;
   ros::AsyncSpinner spinner_;
-  ros::Subscriber status_, truth_, time_offset_;
+  ros::Subscriber status_, truth_, time_offset_, gyroscope_bias_, accelerometer_bias_;
 };
 
 }  // namespace autocal_vio
