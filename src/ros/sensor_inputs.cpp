@@ -101,7 +101,9 @@ std::optional<std::string> SensorInputs::disagreement() const {
 
 std::optional<std::string> SensorInputs::clockProblem() const {
   if (!ros::Time::isSimTime()) return std::nullopt;
-  if (last_ros_time_.isZero()) return "use_sim_time is set, but nothing has come on /clock yet";
+  if (last_ros_time_.isZero())
+    return "use_sim_time is set, but nothing has come on /clock yet (left over from a bag? then: "
+           "rosparam set use_sim_time false, and start again)";
   const double still = (ros::WallTime::now() - ros_time_changed_).toSec();
   if (still < kClockStandsStill) return std::nullopt;
   return "/clock has stood still for " + seconds(still) + " (playback paused or at its end)";

@@ -1,5 +1,7 @@
 #include "autocal_vio/ros/vio_diagnostics.h"
 
+#include <cmath>
+#include <cstdio>
 #include <utility>
 
 namespace autocal_vio {
@@ -8,6 +10,7 @@ namespace {
 using diagnostic_msgs::DiagnosticStatus;
 
 constexpr double kSlowMs = 200.0;          // from the arrival of an image to its result
+constexpr double kUnknownSigma = 1000.0;   // of the status message
 constexpr unsigned int kFewFeatures = 15;  // fewer carry no estimate for long
 
 unsigned char levelOf(const std::string& state) {
@@ -17,6 +20,13 @@ unsigned char levelOf(const std::string& state) {
     return DiagnosticStatus::OK;
   }
   return DiagnosticStatus::WARN;
+}
+
+std::string sigmaText(double sigma, double factor, int decimals) {
+  if (!(sigma < kUnknownSigma)) return "not known yet";
+  char text[32];
+  std::snprintf(text, sizeof(text), "%.*f", decimals, factor * sigma);
+  return text;
 }
 
 }  // namespace
@@ -86,12 +96,14 @@ void VioDiagnostics::reportEstimation(diagnostic_updater::DiagnosticStatusWrappe
   report.add("motion advice", status.motion_advice);
   report.add("tracked features", status.tracked_features);
   report.add("resets", status.resets);
-  for (int k = 0; k < 3; ++k) {
-    report.addf(std::string("sigma of translation ") + "xyz"[k] + " [m]", "%.4f",
-                status.sigma_translation[k]);
-    report.addf(std::string("sigma of rotation ") + "xyz"[k] + " [rad]", "%.5f", status.sigma_rotation[k]);
-  }
-  report.addf("time offset [s]", "%.5f +- %.5f", status.time_offset, status.sigma_time_offset);
+  for (int k = 0; k < 3; ++k)
+    report.add(std::string("sigma of translation ") + "xyz"[k] + " [mm]",
+               sigmaText(status.sigma_translation[k], 1e3, 1));
+  for (int k = 0; k < 3; ++k)
+    report.add(std::string("sigma of rotation ") + "xyz"[k] + " [deg]",
+               sigmaText(status.sigma_rotation[k], 180.0 / M_PI, 3));
+  report.addf("time offset [ms]", "%.2f", 1e3 * status.time_offset);
+  report.add("sigma of time offset [ms]", sigmaText(status.sigma_time_offset, 1e3, 2));
 }
 
 void VioDiagnostics::reportOutputs(diagnostic_updater::DiagnosticStatusWrapper& report) {

@@ -73,6 +73,10 @@ void BagWriter::writeTruth(TimeNs time, const TruthSample& truth) {
   const ros::Time stamp = toRosTime(truth.stamp);
   bag_.write(topics_.truth, toRosTime(time),
              toOdometry(stamp, state, Eigen::Matrix3d::Zero(), {kWorldFrame, kImuFrame, Transform()}));
+  bag_.write(topics_.truth_gyroscope_bias, toRosTime(time),
+             toVectorMessage(truth.stamp, truth.bias.gyroscope, kImuFrame));
+  bag_.write(topics_.truth_accelerometer_bias, toRosTime(time),
+             toVectorMessage(truth.stamp, truth.bias.accelerometer, kImuFrame));
   if (written_extrinsics_ && sameTransform(*written_extrinsics_, truth.T_imu_cam)) return;
   written_extrinsics_ = truth.T_imu_cam;
   geometry_msgs::PoseStamped extrinsics;

@@ -64,7 +64,8 @@ CommandLine makeCommandLine(Options* o) {
       "simulate_bag",
       "Writes what a simulated camera-IMU rig in a textured room sends, and the truth, to a bag:\n"
       "/cam0/image_raw, /cam0/camera_info, /imu0, /simulated_rig/truth (nav_msgs/Odometry of the IMU at\n"
-      "each image), /simulated_rig/truth_extrinsics and /simulated_rig/truth_time_offset.\n"
+      "each image), /simulated_rig/truth_extrinsics, truth_time_offset, truth_gyroscope_bias and\n"
+      "truth_accelerometer_bias.\n"
       "Deterministic: the same options give the same messages.");
   line.addText("truth-csv", "FILE", "also writes the true motion in EuRoC's format", &o->truth_csv);
   line.addText("truth-extrinsics", "FILE", "also writes the true transform in Kalibr's format",

@@ -18,7 +18,9 @@ struct BagTopics {
   std::string imu = "/imu0";
   std::string truth = "/simulated_rig/truth";                        ///< nav_msgs/Odometry of the IMU
   std::string truth_extrinsics = "/simulated_rig/truth_extrinsics";  ///< geometry_msgs/PoseStamped, T_imu_cam
-  std::string truth_time_offset = "/simulated_rig/truth_time_offset";  ///< std_msgs/Float64 [s]
+  std::string truth_gyroscope_bias = "/simulated_rig/truth_gyroscope_bias";  ///< Vector3Stamped [rad/s]
+  std::string truth_accelerometer_bias = "/simulated_rig/truth_accelerometer_bias";  ///< the same [m/s^2]
+  std::string truth_time_offset = "/simulated_rig/truth_time_offset";                ///< std_msgs/Float64 [s]
 };
 
 /// The bag appears under its name only when it is complete; until then it is NAME.part.
