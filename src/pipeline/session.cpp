@@ -134,6 +134,7 @@ bool Session::initialize(const FeatureFrame& frame, const ImuBuffer& imu, VioUpd
     const std::vector<FeatureFrame> later = std::move(problem->later);
     startEstimator(std::move(*problem), frame.stamp);
     result = catchUp(later, imu);
+    continueFromLastPose();
   }
   update->times.initialization_ms += clock.elapsedMs() + initializer_->backgroundMs();
   if (!result.healthy) {
@@ -186,17 +187,21 @@ void Session::remark(VioUpdate* update) const {
 }
 
 void Session::startEstimator(InitializedProblem problem, TimeNs stamp) {
-  const Transform T_WB = problem.graph.frames().back().T_WB();
-  if (last_pose_) {
-    const Eigen::Quaterniond turn = headingBetween(T_WB.rotation, last_pose_->rotation);
-    T_odom_W_ = Transform(turn, last_pose_->translation - turn * T_WB.translation);
-  }
   estimator_ =
       std::make_unique<SlidingWindowEstimator>(std::move(problem.graph), problem.noise, options_.estimator);
   estimator_->hold(hold_rotation_, hold_translation_, hold_td_);
   updateCalibrationCovariance(true, stamp);
   rememberCalibration();
   judgeCalibration(stamp);
+}
+
+// The first pose that is published is the last one of the session before: after the images that came while the attempt
+// ran, for by then the rig has moved on.
+void Session::continueFromLastPose() {
+  if (!last_pose_) return;
+  const Transform T_WB = estimator_->newest().T_WB();
+  const Eigen::Quaterniond turn = headingBetween(T_WB.rotation, last_pose_->rotation);
+  T_odom_W_ = Transform(turn, last_pose_->translation - turn * T_WB.translation);
 }
 
 void Session::updateCalibrationCovariance(bool keyframe, TimeNs stamp) {

@@ -61,9 +61,11 @@ std::vector<PlotSpec> otherPlots() {
        {static_cast<Channel>(kSingularValue + 3), "s4", kRed}}};
   return {vector("gyro bias", "°/s", kGyroscopeBias, 0.01, bias),
           vector("accel. bias", "m/s²", kAccelerometerBias, 0.01, bias),
-          single("scale", "m", kScale, 4, 0.01, "Metres per unit of the visual structure. Shaded: 3 sigma."),
+          single("scale", "m", kScale, 4, 0.01,
+                 "Metres per unit of the visual structure, until odometry begins. Shaded: 3 sigma."),
           vector("gravity", "m/s²", kGravity, 0.1,
-                 "In the frame of the first keyframe's camera. Shaded: 3 sigma of its direction."),
+                 "In the frame of the first keyframe's camera, until odometry begins. Shaded: 3 sigma of its "
+                 "direction."),
           singular};
 }
 

@@ -10,6 +10,7 @@ import numpy
 import rospy
 import rostest
 import yaml
+from nav_msgs.msg import Odometry
 
 from autocal_vio.msg import CalibrationStatus
 from autocal_vio.srv import FreezeExtrinsics, Reset, SaveCalibration
@@ -160,6 +161,8 @@ class LiveServices(unittest.TestCase):
 
     def test_6_reset_twenty_times_in_a_row(self):
         self.freeze(rotation=False, translation=False, time_offset=False)
+        odometry = Collector('/vio/odometry', Odometry)
+        self.assertIsNotNone(odometry.wait(lambda m: True), 'no odometry before')
         before = self.statuses.last().resets
         for k in range(20):
             answer = self.reset(keep_calibration=k % 2 == 1)
@@ -169,6 +172,19 @@ class LiveServices(unittest.TestCase):
         self.assertEqual(self.statuses.last().resets, before + 20)
         self.statuses.clear()
         self.assertTrue(self.wait_for_state('estimating', 'converged', timeout=45.0), 'no estimate after the resets')
+        self.assertIsNotNone(odometry.wait(lambda m: m.header.stamp >= self.statuses.last().header.stamp))
+        self.assert_goes_on(odometry.messages())
+
+    def assert_goes_on(self, odometry):
+        """Over the longest gap, from the last pose before the resets to the first one after: no step, no turn."""
+        gaps = [(b.header.stamp - a.header.stamp).to_sec() for a, b in zip(odometry, odometry[1:])]
+        k = int(numpy.argmax(gaps))
+        self.assertGreater(gaps[k], 0.5, 'odometry went on through the resets')
+        before, after = (matrix(m.pose.pose) for m in odometry[k:k + 2])
+        self.assertLess(numpy.linalg.norm(after[:3, 3] - before[:3, 3]), 1e-6, 'a jump')
+        turn = after[:3, :3] @ before[:3, :3].T
+        yaw = numpy.arctan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1])
+        self.assertLess(abs(yaw), 1e-6, 'another heading')
 
 
 if __name__ == '__main__':

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <thread>
 #include <vector>
 
@@ -115,6 +116,30 @@ TEST(BackgroundInitialization, AResetWhileOneRunsStartsAnew) {
   });
   EXPECT_GE(with_odometry, 50);
   EXPECT_TRUE(system.lastUpdate().odometry);
+}
+
+// Although the rig has moved on by the time that the attempt is ready and the images meanwhile are caught up with.
+TEST(BackgroundInitialization, TheOdometryGoesOnFromItsLastPoseAfterAReset) {
+  const FeatureDataset data = simulate(6, kLongEnough);
+  std::vector<Transform> poses;
+  VioSystem system(data.rig.rig, inBackground(), [&](const VioUpdate& update) {
+    if (update.odometry) poses.push_back(update.odometry->T_odom_imu);
+  });
+  std::size_t before = 0;
+  feed(data, &system, [&](std::size_t) {
+    if (before == 0 && poses.size() >= 40) {
+      before = poses.size();
+      system.reset(true);
+    }
+    return before == 0 || poses.size() < before + 10;
+  });
+  ASSERT_GT(poses.size(), before);
+  const Transform &end = poses[before - 1], &start = poses[before];
+  EXPECT_LT((start.translation - end.translation).norm(), 1e-6) << "a jump";
+  const Eigen::Matrix3d turn = (start.rotation * end.rotation.conjugate()).toRotationMatrix();
+  EXPECT_NEAR(std::atan2(turn(1, 0) - turn(0, 1), turn(0, 0) + turn(1, 1)), 0.0, 1e-6) << "another heading";
+  for (std::size_t i = before + 1; i < poses.size(); ++i)
+    EXPECT_LT((poses[i].translation - poses[i - 1].translation).norm(), 0.3);
 }
 
 TEST(BackgroundInitialization, TheEndMayComeWhileOneRuns) {

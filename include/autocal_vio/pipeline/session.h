@@ -58,6 +58,7 @@ class Session {
   EstimatorResult advance(const FeatureFrame& frame, const ImuBuffer& imu);
   EstimatorResult catchUp(const std::vector<FeatureFrame>& frames, const ImuBuffer& imu);
   void startEstimator(InitializedProblem problem, TimeNs stamp);
+  void continueFromLastPose();
   void rememberCalibration();
   void judgeCalibration(TimeNs stamp);
   void updateCalibrationCovariance(bool keyframe, TimeNs stamp);
