@@ -246,23 +246,30 @@ def standstill(table, arguments):
     table.inform('standstill', 'reason', report.get('reason'))
 
 
+def run_test_program(table, case, arguments, program, settings):
+    """A test that holds its bars itself; what it prints with bars between has the figures."""
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    log = arguments.out / (program + '.log')
+    environment = dict(os.environ, **{name: str(value) for name, value in settings.items()})
+    with open(log, 'w') as stream:
+        code = subprocess.run([ROOT / 'build/devel/lib/autocal_vio' / program], env=environment, stdout=stream,
+                              stderr=subprocess.STDOUT).returncode
+    for line in log.read_text().splitlines():
+        if ' | ' in line:
+            print(line)
+    text = ', '.join('%s=%s' % (name[len('AUTOCAL_VIO_'):].lower(), value) for name, value in settings.items()
+                     if not isinstance(value, os.PathLike))
+    table.holds(case, '%s, %s' % (program, text), 'exit %d' % code, 'exit 0', code == 0)
+
+
 def initializer(table, arguments):
     """The calibrating initialiser over many seeds; its tests hold the bars, their output has the figures. Then on images."""
     seeds = arguments.seeds_of_initializer
     subprocess.run([ROOT / 'scripts/build', 'test_initializer_monte_carlo', 'test_gyroscope_bias_sweep'], check=True,
                    stdout=subprocess.DEVNULL)
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    environment = dict(os.environ, AUTOCAL_VIO_SEEDS=str(seeds),
-                       AUTOCAL_VIO_SWEEP_PNG=str(arguments.out / 'gyroscope_bias.png'))
     for program in ('test_initializer_monte_carlo', 'test_gyroscope_bias_sweep'):
-        log = arguments.out / (program + '.log')
-        with open(log, 'w') as stream:
-            code = subprocess.run([ROOT / 'build/devel/lib/autocal_vio' / program], env=environment, stdout=stream,
-                                  stderr=subprocess.STDOUT).returncode
-        for line in log.read_text().splitlines():
-            if ' | ' in line:
-                print(line)
-        table.holds('initializer', '%s, %d seeds' % (program, seeds), 'exit %d' % code, 'exit 0', code == 0)
+        run_test_program(table, 'initializer', arguments, program,
+                         {'AUTOCAL_VIO_SEEDS': seeds, 'AUTOCAL_VIO_SWEEP_PNG': arguments.out / 'gyroscope_bias.png'})
     arguments.seeds = 20
     rendered(table, arguments)
     for case in (clip, standstill):
@@ -272,9 +279,20 @@ def initializer(table, arguments):
             table.inform(case.__name__, 'left out', 'no AUTOCAL_VIO_DATA')
 
 
+def consistency(table, arguments):
+    """NEES of all that is published and the calibration against its Cramer-Rao bound; memory over half an hour."""
+    seeds = arguments.seeds_of_consistency
+    programs = {'test_estimator_consistency': {'AUTOCAL_VIO_SEEDS': seeds, 'AUTOCAL_VIO_SECONDS': 60},
+                'test_memory': {'AUTOCAL_VIO_MINUTES': 30}}
+    subprocess.run([ROOT / 'scripts/build', *programs], check=True, stdout=subprocess.DEVNULL)
+    for program, settings in programs.items():
+        run_test_program(table, 'consistency', arguments, program, settings)
+
+
 CASES = {'exact': exact, 'noisy': noisy, 'realistic': realistic, 'rendered': rendered, 'clip': clip,
-         'initial': initial, 'live': live, 'standstill': standstill, 'initializer': initializer}
-LONG = {'initializer'}  # only when asked for
+         'initial': initial, 'live': live, 'standstill': standstill, 'initializer': initializer,
+         'consistency': consistency}
+LONG = {'initializer', 'consistency'}  # only when asked for
 NEED_DATA = {'clip', 'initial', 'live', 'standstill'}
 
 
@@ -283,6 +301,7 @@ def main():
     parser.add_argument('--only', help='cases, separated by commas: ' + ', '.join(CASES))
     parser.add_argument('--seeds', type=int, default=10, help='runs of each simulated case with noise')
     parser.add_argument('--seeds-of-initializer', type=int, default=100, metavar='N', help='runs of the case initializer')
+    parser.add_argument('--seeds-of-consistency', type=int, default=50, metavar='N', help='runs of the case consistency')
     parser.add_argument('--out', type=pathlib.Path, default=ROOT / 'build' / 'measure')
     arguments = parser.parse_args()
     names = arguments.only.split(',') if arguments.only else [name for name in CASES if name not in LONG]

@@ -347,6 +347,23 @@ std::optional<GraphCovariance> VisualInertialGraph::covariance() const {
   return GraphCovariance(keys, scale.asDiagonal() * inverse * scale.asDiagonal());
 }
 
+std::optional<Eigen::MatrixXd> VisualInertialGraph::calibrationCovariance() const {
+  int size = 0;
+  for (const BlockKey& key : {kRotationKey, kTranslationKey, kTimeOffsetKey})
+    if (!isHeld(key.kind)) size += tangentSize(key.kind);
+  LinearSystem system = linearize(allFactors(), blocksOf(stateKeys()));
+  const Eigen::VectorXd scale = system.H.diagonal().cwiseMax(1e-12).cwiseSqrt().cwiseInverse();
+  system.H = scale.asDiagonal() * system.H * scale.asDiagonal();
+  const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> solver(system.H);  // in place
+  if (solver.info() != Eigen::Success) return std::nullopt;
+  // The calibration comes last: its corner of the factor is the root of its own information.
+  const Eigen::MatrixXd root = system.H.bottomRightCorner(size, size).triangularView<Eigen::Lower>();
+  const Eigen::MatrixXd inverse =
+      (root * root.transpose()).ldlt().solve(Eigen::MatrixXd::Identity(size, size));
+  if (!inverse.allFinite()) return std::nullopt;
+  return scale.tail(size).asDiagonal() * inverse * scale.tail(size).asDiagonal();
+}
+
 double VisualInertialGraph::pixelSigma(int* count) const {
   std::vector<double> errors;
   for (const auto& [id, landmark] : landmarks_.landmarks()) {

@@ -187,6 +187,9 @@ void Session::remark(VioUpdate* update) const {
 }
 
 void Session::startEstimator(InitializedProblem problem, TimeNs stamp) {
+  const FrameState& origin = problem.graph.frames().front();
+  origin_stamp_imu_ = origin.stamp + fromSeconds(origin.reference_td);
+  T_W_origin_ = origin.T_WB();
   estimator_ =
       std::make_unique<SlidingWindowEstimator>(std::move(problem.graph), problem.noise, options_.estimator);
   estimator_->hold(hold_rotation_, hold_translation_, hold_td_);
@@ -315,6 +318,8 @@ void Session::fillOdometry(VioUpdate* update) const {
   odometry.stamp_imu = frame.stamp + fromSeconds(frame.reference_td);
   odometry.T_odom_imu = T_odom_W_ * frame.T_WB();
   odometry.velocity_W = T_odom_W_.rotation * frame.velocity();
+  odometry.origin_stamp_imu = origin_stamp_imu_;
+  odometry.T_odom_origin = T_odom_W_ * T_W_origin_;
   if (estimator_->covariance()) {
     const GraphCovariance& covariance = *estimator_->covariance();
     const double variance_factor = std::pow(inflation_.factor(), 2);

@@ -18,14 +18,15 @@ constexpr double kBoundInterval = 0.1;  ///< between the frames of the batch pro
 
 /// Covariance [p_BC in m, right perturbation of R_BC in rad] after the images up to `until` [s after the first].
 ///
-/// The information matrix of the full batch problem, linearised at the truth: a frame every 0.1 s with pose, velocity
+/// The information matrix of the full batch problem, linearised at the truth: a frame every `interval` s with pose, velocity
 /// and biases, whole tracks as landmarks at their true place, wrong tracks left out, priors as weak as the
 /// initialiser's. Images between the frames count through a pixel sigma smaller by the root of their number.
 inline std::optional<Eigen::Matrix<double, 6, 6>> extrinsicsBound(const FeatureDataset& data,
-                                                                  double pixel_sigma, double until) {
+                                                                  double pixel_sigma, double until,
+                                                                  double interval = kBoundInterval) {
   const TimeNs begin = data.frames.front().stamp;
   const double image_interval = toSeconds(data.frames[1].stamp - begin);
-  const int stride = std::max(1, static_cast<int>(std::lround(kBoundInterval / image_interval)));
+  const int stride = std::max(1, static_cast<int>(std::lround(interval / image_interval)));
   GraphOptions options;
   options.pixel_sigma = pixel_sigma / std::sqrt(static_cast<double>(stride));
   options.huber_threshold = 1e6;
@@ -62,13 +63,12 @@ inline std::optional<Eigen::Matrix<double, 6, 6>> extrinsicsBound(const FeatureD
     const Eigen::Vector3d point_A = landmark.T_WA.inverse() * data.landmarks_W.at(landmark.track_id);
     landmark.parameters = {{point_A.x() / point_A.z(), point_A.y() / point_A.z(), 1.0 / point_A.z()}};
   }
-  const std::optional<GraphCovariance> covariance = graph.covariance();
+  const std::optional<Eigen::MatrixXd> covariance =
+      graph.calibrationCovariance();  // [rotation, translation, td]
   if (!covariance) return std::nullopt;
-  const BlockKey rotation{-1, BlockKind::kExtrinsicRotation},
-      translation{-1, BlockKind::kExtrinsicTranslation};
   Eigen::Matrix<double, 6, 6> bound;
-  bound << covariance->block(translation), covariance->block(translation, rotation),
-      covariance->block(rotation, translation), covariance->block(rotation);
+  bound << covariance->block<3, 3>(3, 3), covariance->block<3, 3>(3, 0), covariance->block<3, 3>(0, 3),
+      covariance->block<3, 3>(0, 0);
   return bound;
 }
 

@@ -98,6 +98,21 @@ TEST(VisualInertialGraph, GaugeIsFixedAndNothingElse) {
   EXPECT_GT(std::sqrt(first.bottomRightCorner<3, 3>().trace()), 2e-4);
 }
 
+TEST(VisualInertialGraph, TheCalibrationsCovarianceAloneIsItsPartOfTheWhole) {
+  VisualInertialGraph graph = solvedGraph(8);
+  for (const bool held : {false, true}) {
+    graph.calibration().rotation_held = held;
+    const std::optional<GraphCovariance> whole = graph.covariance();
+    const std::optional<Eigen::MatrixXd> part = graph.calibrationCovariance();
+    ASSERT_TRUE(whole && part);
+    const int first = held ? 0 : 3;
+    ASSERT_EQ(part->rows(), first + 4);
+    if (!held) EXPECT_LT(relativeDifference(whole->block(kRotation), part->topLeftCorner(3, 3)), 1e-6);
+    EXPECT_LT(relativeDifference(whole->block(kTranslation), part->block(first, first, 3, 3)), 1e-6);
+    EXPECT_LT(relativeDifference(whole->block(kTimeOffset), part->bottomRightCorner(1, 1)), 1e-6);
+  }
+}
+
 TEST(VisualInertialGraph, HeldCalibrationKeepsEveryBit) {
   VisualInertialGraph graph = solvedGraph(8);
   graph.calibration().setTransform(

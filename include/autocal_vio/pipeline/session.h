@@ -77,7 +77,9 @@ class Session {
   std::unique_ptr<SlidingWindowEstimator> estimator_;
   ExtrinsicMonitor monitor_;
   SigmaInflation inflation_;
-  Transform T_odom_W_;  ///< yaw and translation only
+  Transform T_odom_W_;           ///< yaw and translation only
+  TimeNs origin_stamp_imu_ = 0;  ///< of the batch's first frame, where position and yaw are fixed
+  Transform T_W_origin_;         ///< its pose
   std::optional<Transform> last_pose_;
   // Given the camera's intrinsics; parts that are held keep the uncertainty they had before.
   Matrix6d extrinsic_covariance_;

@@ -36,6 +36,8 @@ struct OdometryEstimate {
   Matrix6d pose_covariance = Matrix6d::Zero();  ///< position in W, rotation about W's axes [m, rad]
   Eigen::Matrix3d velocity_covariance_W = Eigen::Matrix3d::Zero();          ///< [m^2/s^2]
   Eigen::Matrix3d angular_velocity_covariance_B = Eigen::Matrix3d::Zero();  ///< [rad^2/s^2]
+  TimeNs origin_stamp_imu = 0;  ///< where position and yaw count as known: covariances begin there
+  Transform T_odom_origin;      ///< the pose there
 };
 
 /// Everything that is calibrated, each with one sigma; always finite. A sigma of 1e3: not estimated yet.
