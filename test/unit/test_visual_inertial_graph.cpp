@@ -107,7 +107,9 @@ TEST(VisualInertialGraph, TheCalibrationsCovarianceAloneIsItsPartOfTheWhole) {
     ASSERT_TRUE(whole && part);
     const int first = held ? 0 : 3;
     ASSERT_EQ(part->rows(), first + 4);
-    if (!held) EXPECT_LT(relativeDifference(whole->block(kRotation), part->topLeftCorner(3, 3)), 1e-6);
+    if (!held) {
+      EXPECT_LT(relativeDifference(whole->block(kRotation), part->topLeftCorner(3, 3)), 1e-6);
+    }
     EXPECT_LT(relativeDifference(whole->block(kTranslation), part->block(first, first, 3, 3)), 1e-6);
     EXPECT_LT(relativeDifference(whole->block(kTimeOffset), part->bottomRightCorner(1, 1)), 1e-6);
   }
