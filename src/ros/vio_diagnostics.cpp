@@ -67,7 +67,11 @@ void VioDiagnostics::reportProcessing(diagnostic_updater::DiagnosticStatusWrappe
   const auto images = static_cast<unsigned long>(status.images_dropped - before_.status.images_dropped);
   const auto samples = static_cast<unsigned long>(status.imu_dropped - before_.status.imu_dropped);
   report.summaryf(DiagnosticStatus::OK, "results come %.0f ms after their image", status.latency_ms);
-  if (status.images_processed == 0) report.summary(DiagnosticStatus::OK, "no image processed yet");
+  if (status.images_processed == 0) {
+    report.summary(DiagnosticStatus::OK, "no image processed yet");
+  } else if (status.images_processed == before_.status.images_processed) {
+    report.summary(DiagnosticStatus::OK, "no image processed just now");
+  }
   if (status.latency_ms > kSlowMs)
     report.summaryf(DiagnosticStatus::WARN, "late: %.0f ms (too slow a machine? see ~max_image_rate)",
                     status.latency_ms);
@@ -89,6 +93,7 @@ void VioDiagnostics::reportProcessing(diagnostic_updater::DiagnosticStatusWrappe
 void VioDiagnostics::reportEstimation(diagnostic_updater::DiagnosticStatusWrapper& report) {
   const CalibrationStatus& status = now_.status;
   report.summary(levelOf(status.state), status.state + ": " + status.reason);
+  if (now_.input_problem && report.level == DiagnosticStatus::OK) report.level = DiagnosticStatus::WARN;
   if (report.level == DiagnosticStatus::OK && status.tracked_features < kFewFeatures) {
     report.summaryf(DiagnosticStatus::WARN, "%s, but only %u points are tracked: %s", status.state.c_str(),
                     status.tracked_features, status.reason.c_str());

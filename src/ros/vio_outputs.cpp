@@ -79,7 +79,8 @@ void VioOutputs::publishOdometry(const VioUpdate& update, const OdometryEstimate
   noteOdometry(frames);
   path_.add(*message);
   if (parameters_.publish_odom_tf) {
-    tf_.send(stamp, frames.odom_frame, frames.child_frame, odometry.T_odom_imu * *T_imu_child);
+    tf_.send(stamp, frames.odom_frame, frames.child_frame, odometry.T_odom_imu * *T_imu_child,
+             "~base_frame: the root of that tree, fixed to the IMU, takes the odometry instead");
   }
   if (path_publisher_.getNumSubscribers() > 0) {
     if (const nav_msgs::PathPtr path = path_.due()) path_publisher_.publish(path);
@@ -113,7 +114,8 @@ void VioOutputs::publishExtrinsics(const VioUpdate& update) {
   const std::string imu_frame = frames_->imu();
   extrinsics_publisher_.publish(toExtrinsics(update, imu_frame));
   if (parameters_.publish_camera_tf && cameraTransformKnown(update.state)) {
-    tf_.send(toRosTime(update.stamp), imu_frame, frames_->camera(), update.calibration.T_imu_cam);
+    tf_.send(toRosTime(update.stamp), imu_frame, frames_->camera(), update.calibration.T_imu_cam,
+             "the calibrated one is in ~extrinsics; ~save_calibration writes it to a URDF");
   }
 }
 

@@ -50,7 +50,7 @@ VioRos::VioRos(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh,
 
   CalibrationServices::Hooks hooks;
   hooks.worker = [this] { return worker(); };
-  hooks.before_reset = [this] { propagator_.clear(false); };
+  hooks.before_reset = [this] { forgetEstimate(); };
   hooks.image_topic = inputs_->imageTopic();
   hooks.imu_frame = [this] { return frames_.imu(); };
   hooks.camera_frame = [this] { return frames_.camera(); };
@@ -164,6 +164,15 @@ void VioRos::carryOn(const VioUpdate& update) {
   const ImuBias bias{update.calibration.gyroscope_bias, update.calibration.accelerometer_bias};
   propagator_.rebase(toMotionState(*update.odometry), bias,
                      scaledNoise(parameters_.rig.imu_noise, update.calibration));
+}
+
+// Until the next image is processed nothing is known of the state but this.
+void VioRos::forgetEstimate() {
+  propagator_.clear(false);
+  const std::lock_guard<std::mutex> lock(mutex_);
+  last_update_.state = VioState::kWaitingForData;
+  last_update_.reason = "started anew, waiting for an image";
+  last_update_.odometry.reset();
 }
 
 void VioRos::watch() {

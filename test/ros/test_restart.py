@@ -10,7 +10,10 @@ import unittest
 import numpy
 import rospy
 import rostest
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
+from tf2_msgs.msg import TFMessage
 
 from autocal_vio.msg import CalibrationStatus
 from autocal_vio.srv import FreezeExtrinsics, SaveCalibration
@@ -124,10 +127,42 @@ class Restart(unittest.TestCase):
 
     def test_urdf(self):
         rospy.set_param('/robot_description', (self.folder / 'robot.urdf').read_text())
+        transforms = Collector('/tf', TFMessage)
         run = self.start('third', rig_file=rospy.get_param('/simulated_rig/rig_file'), extrinsics_from_urdf='true',
                          imu_frame='imu0', camera_frame='cam0', base_frame='base_link')
         self.check(run, 1e-6)
         self.assertEqual(run.odometry.last().child_frame_id, 'base_link')
+        # odom -> base_link only; the rest of the robot is somebody else's.
+        self.assertTrue(wait_for(lambda: self.parents(transforms, 'base_link') == {'odom'}, 10.0))
+        self.assertEqual(self.parents(transforms, 'imu0'), set())
+        self.assertTrue(wait_for(lambda: self.parents(transforms, 'cam0') == {'imu0'}, 10.0))
+
+    def test_urdf_with_its_static_transforms(self):
+        """As robot_state_publisher broadcasts them: the IMU and the camera have their parents."""
+        rospy.set_param('/robot_description', (self.folder / 'robot.urdf').read_text())
+        publisher = rospy.Publisher('/tf_static', TFMessage, queue_size=1, latch=True)
+        publisher.publish(TFMessage([self.static('base_link', 'imu0'), self.static('mast', 'cam0')]))
+        self.addCleanup(publisher.unregister)
+        transforms = Collector('/tf', TFMessage)
+        diagnostics = Collector('/diagnostics', DiagnosticArray)
+        run = self.start('fourth', rig_file=self.folder / 'camchain.yaml', imu_file=self.folder / 'imu.yaml')
+        self.assertIsNotNone(run.wait_for_odometry())
+        for child, parent, advice in (('imu0', 'base_link', '~base_frame'), ('cam0', 'mast', '~extrinsics')):
+            named = diagnostics.wait(lambda d: any(
+                "frame '%s' has the parent '%s'" % (child, parent) in s.message and advice in s.message for s in d.status))
+            self.assertIsNotNone(named, child)
+            self.assertEqual(self.parents(transforms, child), set())
+
+    @staticmethod
+    def static(parent, child):
+        transform = TransformStamped()
+        transform.header.frame_id, transform.child_frame_id = parent, child
+        transform.transform.rotation.w = 1.0
+        return transform
+
+    @staticmethod
+    def parents(transforms, child):
+        return {t.header.frame_id for m in transforms.messages() for t in m.transforms if t.child_frame_id == child}
 
 
 if __name__ == '__main__':

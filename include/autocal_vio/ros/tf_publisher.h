@@ -18,10 +18,10 @@ class TfPublisher {
   /// `name`: of the nodelet, for its warnings.
   TfPublisher(const ros::NodeHandle& nh, std::string name);
 
-  /// Broadcasts T_parent_child, unless `child` has a parent elsewhere: then one warning, and never again. The
-  /// first second after construction is spent listening only.
+  /// Broadcasts T_parent_child, unless `child` has a parent elsewhere: then one warning, with `advice`, and never
+  /// again. The first second after construction is spent listening only.
   void send(const ros::Time& stamp, const std::string& parent, const std::string& child,
-            const Transform& T_parent_child);
+            const Transform& T_parent_child, const std::string& advice);
 
   /// What is not broadcast and why; empty where there is no conflict.
   const std::string& conflicts() const { return conflicts_; }

@@ -40,6 +40,7 @@ class VioRos {
   void imuArrived(const ImuSample& sample);
   void clockJumped();
   void updated(const VioUpdate& update);
+  void forgetEstimate();
   void carryOn(const VioUpdate& update);
   void watch();
   void publishStatus(const VioUpdate& update);
