@@ -39,6 +39,10 @@ class ConsistencyRecord {
   static constexpr double kInterval = 1.0;   // [s]
   static constexpr double kSettling = 10.0;  // [s] after the first odometry
 
+  /// `rotation_floor`: sigma that the published R_BC has for errors of lens and images [rad]; the extrinsics are also
+  /// looked at without it.
+  explicit ConsistencyRecord(double rotation_floor) : rotation_floor_(rotation_floor) {}
+
   void add(const VioUpdate& update, const TruthSample& truth) {
     truth_.push_back(truth);
     if (!update.odometry) return;
@@ -108,6 +112,9 @@ class ConsistencyRecord {
     nees_["extrinsics"].add(neesPerDof<6>(e, calibration.covariance));
     nees_["p_BC"].add(neesPerDof<3>(e.head<3>(), calibration.covariance.topLeftCorner<3, 3>()));
     nees_["R_BC"].add(neesPerDof<3>(e.tail<3>(), calibration.covariance.bottomRightCorner<3, 3>()));
+    Matrix6d without_floor = calibration.covariance;
+    without_floor.bottomRightCorner<3, 3>().diagonal().array() -= rotation_floor_ * rotation_floor_;
+    nees_["extrinsics without floor"].add(neesPerDof<6>(e, without_floor));
     nees_["td"].add(std::pow((calibration.td - truth.td) / calibration.sigma_td, 2));
   }
 
@@ -117,6 +124,7 @@ class ConsistencyRecord {
     extrinsics_covariance_ = calibration.covariance;
   }
 
+  double rotation_floor_;
   std::vector<TruthSample> truth_;
   std::optional<TimeNs> first_;
   TimeNs last_ = 0, origin_stamp_ = 0;

@@ -56,6 +56,10 @@ VioOptions options() {
   return file ? loadEstimatorFile(file) : VioOptions();
 }
 
+double rotationFloor(const RigModel& rig) {
+  return options().estimator.image_accuracy / rig.camera->intrinsics[0];
+}
+
 struct Outcome {
   std::map<std::string, Nees> nees;
   Vector6d error = Vector6d::Constant(1e3);  // of the extrinsics at the end [m, rad]
@@ -75,7 +79,7 @@ Outcome outcomeOf(const ConsistencyRecord& record) {
 
 Outcome run(const FeatureSimulationOptions& simulation, bool with_bound) {
   const FeatureDataset data = simulateFeatures(simulation);
-  ConsistencyRecord record;
+  ConsistencyRecord record(rotationFloor(data.rig.rig));
   std::size_t index = 0;
   VioSystem system(data.rig.rig, options(), [&](const VioUpdate& update) {
     while (index + 1 < data.truth.size() && data.truth[index].stamp < update.stamp) ++index;
@@ -101,7 +105,7 @@ Outcome runRendered(int seed, double duration) {
   simulated.seed = seed;
   simulated.duration = duration;
   RigSimulator simulator(simulated);
-  ConsistencyRecord record;
+  ConsistencyRecord record(rotationFloor(simulator.rig().rig));
   std::map<TimeNs, TruthSample> truth;
   VioSystem system(simulator.rig().rig, options(), [&](const VioUpdate& update) {
     record.add(update, truth.at(update.stamp));
@@ -152,7 +156,7 @@ void printTable(const char* name, const std::vector<Outcome>& outcomes) {
     double largest = 0.0;
     for (const Outcome& outcome : outcomes)
       if (outcome.nees.count(state) > 0) largest = std::max(largest, outcome.nees.at(state).mean());
-    std::printf("%s | NEES per degree of freedom | %-18s | %5.2f | worst seed %5.2f\n", name, state.c_str(),
+    std::printf("%s | NEES per degree of freedom | %-24s | %5.2f | worst seed %5.2f\n", name, state.c_str(),
                 nees.mean(), largest);
   }
   const double n = static_cast<double>(outcomes.size());
