@@ -16,7 +16,15 @@ constexpr double kMinOutlierPx = 1.5;        // [px] and at least this far
 constexpr double kPixelSigmaGain = 0.05;     // per keyframe
 constexpr double kSmallestTrackShare =
     0.5;  // of the last keyframe's tracks still seen, or it is time for another
-constexpr std::size_t kFewestPoints = 8;    // seen before, or the image ties nothing to the window
+constexpr std::size_t kFewestPoints = 8;  // seen before, or the image ties nothing to the window
+constexpr double kContradiction =
+    15.0;                           // times the gyroscope's noise; more than one that is sound has in flight
+constexpr double kEarlier = 5.0;    // [s] noise of that long ago is remembered
+constexpr double kSlipNoise = 4.0;  // times what it was earlier
+constexpr double kFitRotation = 0.005;    // [rad] sigma of where the newest image says that the camera is
+constexpr double kFitTranslation = 0.01;  // [m] several times the error of such fits in simulation
+constexpr BlockKey kRotationKey{-1, BlockKind::kExtrinsicRotation};
+constexpr BlockKey kTranslationKey{-1, BlockKind::kExtrinsicTranslation};
 constexpr double kLongestBridgedGap = 0.5;  // [s] without IMU samples
 constexpr double kGapNoiseFactor = 20.0;    // noise across a gap in the IMU samples
 constexpr double kStandingSpeed = 0.1;      // [m/s] an estimate of more, by kStandingSigmas, does not stand
@@ -103,15 +111,16 @@ SlidingWindowEstimator::SlidingWindowEstimator(VisualInertialGraph graph, const 
       standstill_({options.standstill_time, options.standstill_disparity, options.standstill_imu_ratio}) {
   graph_.landmarkMap().closeFullLandmarks();
   while (static_cast<int>(graph_.frames().size()) > options_.window_keyframes) graph_.marginalizeOldest();
-  last_sighted_ = newest().stamp;
+  last_sighted_ = earlier_noise_stamp_ = newest().stamp;
+  earlier_noise_.fill(noise_.factors());
   updateCovariance(newest().id);
   sighted_position_sigma_ = positionSigma();
 }
 
-EstimatorResult SlidingWindowEstimator::fail(const std::string& problem, bool diverged) const {
+EstimatorResult SlidingWindowEstimator::fail(const std::string& problem, CalibrationTrust trust) const {
   EstimatorResult result;
   result.healthy = false;
-  result.diverged = diverged;
+  result.calibration_trust = trust;
   result.problem = problem;
   return result;
 }
@@ -119,15 +128,18 @@ EstimatorResult SlidingWindowEstimator::fail(const std::string& problem, bool di
 EstimatorResult SlidingWindowEstimator::process(const FeatureFrame& frame, const ImuBuffer& imu) {
   EstimatorResult result;
   result.keyframe_finished = finishKeyframe();
-  std::string problem = findLoss(frame.stamp);
+  std::string problem = findContradiction();
+  if (!problem.empty()) return fail(problem, CalibrationTrust::kWithinABump);
+  problem = findLoss(frame.stamp);
   if (!problem.empty() || !appendPredictedFrame(frame, imu, noise_.noise(), &graph_, &problem))
-    return fail(problem, false);
+    return fail(problem, CalibrationTrust::kAll);
+  if (!mountIsAtRest(&result)) return result;
   if (!newest_is_keyframe_) graph_.dropSecondNewest();
   const bool resting = noticesStandstill(frame, imu);
   const FrameState& last = graph_.frames()[graph_.frames().size() - 2];
   if (!resting || last.stamp < standstill_.restingSince()) return estimate(result, resting);
   problem = stand(imu);
-  if (!problem.empty()) return fail(problem, true);
+  if (!problem.empty()) return fail(problem, CalibrationTrust::kConverged);
   if (standstill_.imageAtRest()) last_sighted_ = frame.stamp;
   return result;
 }
@@ -139,9 +151,9 @@ EstimatorResult SlidingWindowEstimator::estimate(EstimatorResult result, bool re
   const SolveSummary summary = newest_is_keyframe_ || hasJustSetOff(graph_)
                                    ? graph_.solve(options_.max_iterations, kFunctionTolerance)
                                    : graph_.solveNewest(options_.max_iterations);
-  if (!summary.usable) return fail("the solver failed", true);
+  if (!summary.usable) return fail("the solver failed", CalibrationTrust::kConverged);
   const std::string problem = findFault();
-  if (!problem.empty()) return fail(problem, true);
+  if (!problem.empty()) return fail(problem, CalibrationTrust::kConverged);
   const bool sighted = newestIsTied();
   if (newest_is_keyframe_)
     graph_.dropOutliers(std::max(kMinOutlierPx, kOutlierSigmas * graph_.options().pixel_sigma));
@@ -189,6 +201,55 @@ std::string SlidingWindowEstimator::stand(const ImuBuffer& imu) {
   standing_frame_.emplace(covariance_->block({frame, BlockKind::kMotion}), &graph_);
   standing_frame_->follow(imu, noise_.noise(), &graph_);
   return "";
+}
+
+// False when the newest image was taken by a moving mount, and goes by the IMU alone, or by one that has moved: then all
+// begins anew with it. Parts that are held stay where they are told to, and the others would make up for them: then
+// nothing is changed.
+bool SlidingWindowEstimator::mountIsAtRest(EstimatorResult* result) {
+  const FrameState& before = graph_.frames()[graph_.frames().size() - 2];
+  const BumpDetector::Mount mount =
+      bump_detector_.look(graph_, toSeconds(newest().stamp - before.stamp), standing());
+  if (mount == BumpDetector::Mount::kAtRest) return true;
+  if (mount == BumpDetector::Mount::kMoving) {
+    if (before.features.empty()) graph_.dropSecondNewest();  // the last image at rest stays
+    graph_.blindNewest();
+    newest_is_keyframe_ = false;
+    return false;
+  }
+  result->mount_moved = true;
+  const Transform T_BC = bump_detector_.T_BC();
+  bump_detector_.restart();
+  const CalibrationState& calibration = graph_.calibration();
+  if (calibration.rotation_held || calibration.translation_held) return true;
+  reopenExtrinsicsAt(T_BC, kFitTranslation, kFitRotation);
+  return false;
+}
+
+void SlidingWindowEstimator::reopenExtrinsics() {
+  reopenExtrinsicsAt(graph_.calibration().T_BC(), kBumpTranslation, kBumpRotation);
+}
+
+// What was not known of the extrinsics before is not known now either: the fit says how far they have moved.
+void SlidingWindowEstimator::reopenExtrinsicsAt(const Transform& T_BC, double sigma_translation,
+                                                double sigma_rotation) {
+  Eigen::Array3d translation = Eigen::Array3d::Constant(sigma_translation * sigma_translation),
+                 rotation = Eigen::Array3d::Constant(sigma_rotation * sigma_rotation);
+  const double inflation = options_.sigma_inflation * options_.sigma_inflation;
+  if (covariance_) {
+    const Eigen::MatrixXd pp = covariance_->block(kTranslationKey), tt = covariance_->block(kRotationKey);
+    if (pp.size()) translation += inflation * pp.diagonal().array();
+    if (tt.size()) rotation += inflation * tt.diagonal().array();
+  }
+  graph_.reopenExtrinsics(T_BC, translation.sqrt().matrix(), rotation.sqrt().matrix());
+  bump_detector_.restart();
+  standing_frame_.reset();
+  newest_is_keyframe_ = true;
+  keyframe_unfinished_ = false;
+  last_sighted_ = newest().stamp;
+  moved_ = newest().stamp;
+  updateCovariance(newest().id);
+  sighted_position_sigma_ = positionSigma();
 }
 
 // Nothing of it changes the newest pose, so it waits for the next image: the odometry is out sooner, and no image bears
@@ -255,6 +316,16 @@ void SlidingWindowEstimator::adaptNoise() {
   if (!covariance_ || count < 5) return;
   noise_.addInterval(graph_, *covariance_, count / 2);
   noise_.update();
+  if (toSeconds(newest().stamp - earlier_noise_stamp_) < kEarlier) return;
+  earlier_noise_ = {earlier_noise_[1], noise_.factors()};
+  earlier_noise_stamp_ = newest().stamp;
+}
+
+// While a mount slips the estimate makes up for it as long as it can, and the IMU seems to be worse and worse.
+bool SlidingWindowEstimator::noiseHasGrown() const {
+  const NoiseFactors now = noise_.factors(), before = earlier_noise_[0];
+  return now.accelerometer > kSlipNoise * before.accelerometer ||
+         now.gyroscope > kSlipNoise * before.gyroscope;
 }
 
 void SlidingWindowEstimator::adaptPixelSigma() {
@@ -275,6 +346,22 @@ std::string SlidingWindowEstimator::findFault() const {
   if (bias.gyroscope.norm() > kLargestGyroBias) return "the estimated gyroscope bias is impossible";
   if (bias.accelerometer.norm() > kLargestAccelBias) return "the estimated accelerometer bias is impossible";
   return "";
+}
+
+// A mount that slips too slowly for the bump detector passes for noise of the IMU. Even if it is noticed in the end, the
+// estimate has made up for it until then.
+std::string SlidingWindowEstimator::findContradiction() const {
+  if (graph_.calibration().rotation_held) return "";
+  const double factor = noise_.factors().gyroscope;
+  std::ostringstream text;
+  text.precision(2);
+  if (factor > kContradiction) {
+    text << "gyroscope and images contradict each other (" << factor
+         << " times its noise): the mount has slipped, or the IMU is at fault";
+  } else if (moved_ && toSeconds(newest().stamp - *moved_) < kEarlier && noiseHasGrown()) {
+    text << "the camera has moved on its mount, but not at once";
+  }
+  return text.str();
 }
 
 void SlidingWindowEstimator::hold(bool rotation, bool translation, bool time_offset) {

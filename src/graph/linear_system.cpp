@@ -338,6 +338,22 @@ LinearSystem marginalizeFirst(const LinearSystem& system, int count) {
   return result;
 }
 
+// x = x' - sigma u with u of unit variance: u becomes an unknown and is marginalised. Well conditioned for any variance,
+// zero included.
+LinearSystem loosen(const LinearSystem& system, int first, const Eigen::VectorXd& variance) {
+  const Eigen::Index count = variance.size(), size = system.g.size();
+  const Eigen::VectorXd sigma = variance.cwiseMax(0.0).cwiseSqrt();
+  LinearSystem joint{Eigen::MatrixXd(count + size, count + size), Eigen::VectorXd(count + size)};
+  joint.H.bottomRightCorner(size, size) = system.H;
+  joint.H.topRightCorner(count, size) = -(sigma.asDiagonal() * system.H.middleRows(first, count));
+  joint.H.bottomLeftCorner(size, count) = joint.H.topRightCorner(count, size).transpose();
+  joint.H.topLeftCorner(count, count) =
+      Eigen::MatrixXd::Identity(count, count) +
+      sigma.asDiagonal() * system.H.block(first, first, count, count) * sigma.asDiagonal();
+  joint.g << -(sigma.asDiagonal() * system.g.segment(first, count)), system.g;
+  return marginalizeFirst(joint, static_cast<int>(count));
+}
+
 double squaredResidual(const Factor& factor) {
   std::vector<const double*> parameters;
   for (const Block& block : factor.blocks) parameters.push_back(block.data);

@@ -66,6 +66,8 @@ Matrix9d componentCovariance(const Preintegration& pre, double gyro_density, dou
   return Preintegration(pre.samples(), pre.linearizationBias(), noise).covariance().topLeftCorner<9, 9>();
 }
 
+constexpr double kRayleighMedian = 1.17741;  // of the length of a 2-vector with unit normal components
+
 bool isClose(double before, double after) {
   return std::abs(after - before) < kFactorChange * before;
 }
@@ -115,9 +117,23 @@ void NoiseAdaptation::addInterval(const VisualInertialGraph& graph, const GraphC
   evidence_.information += evidence.information;
 }
 
+double fittedPixelError(const VisualInertialGraph& graph, int* count) {
+  std::vector<double> errors;
+  for (const auto& [id, landmark] : graph.landmarkMap().landmarks()) {
+    if (!landmark.solved || landmark.observations.size() < 3) continue;
+    for (const Observation& observation : landmark.observations)
+      if (const FrameState* frame = graph.findFrame(observation.frame))
+        errors.push_back(reprojectionError(landmark, observation, *frame, graph.calibration()));
+  }
+  *count = static_cast<int>(errors.size());
+  if (errors.empty()) return 0.0;
+  std::nth_element(errors.begin(), errors.begin() + errors.size() / 2, errors.end());
+  return errors[errors.size() / 2] / kRayleighMedian;
+}
+
 std::optional<double> fittedPixelSigma(const VisualInertialGraph& graph) {
   int count = 0;
-  const double fitted = graph.pixelSigma(&count);
+  const double fitted = fittedPixelError(graph, &count);
   if (count < kEnoughObservations) return std::nullopt;
   // A landmark of n observations leaves 2n - 3 of 2n degrees of freedom: 0.75 of them at n = 6.
   return std::clamp(fitted / std::sqrt(0.75), kMinPixelSigma, kMaxPixelSigma);

@@ -3,7 +3,6 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <algorithm>
-#include <cmath>
 #include <functional>
 #include <set>
 
@@ -17,8 +16,7 @@ namespace {
 constexpr double kGaugeSigma = 1e-4;             // [m], [rad]: far below what is estimated, well conditioned
 constexpr double kInverseDepthPriorMean = 0.25;  // [1/m]
 constexpr double kInverseDepthPriorSigma =
-    50.0;  // [1/m] all landmarks share it: tighter, and a near scene pulls the scale
-constexpr double kRayleighMedian = 1.17741;     // of the length of a 2-vector with unit normal components
+    50.0;  // [1/m] all landmarks share it: tighter pulls a near scene's scale
 constexpr double kUnknownVelocitySigma = 10.0;  // [m/s]
 constexpr double kUnknownBiasSigma = 1e3;       // [m/s^2]
 
@@ -27,23 +25,6 @@ constexpr BlockKey kTranslationKey{-1, BlockKind::kExtrinsicTranslation};
 constexpr BlockKey kTimeOffsetKey{-1, BlockKind::kTimeOffset};
 
 }  // namespace
-
-GraphCovariance::GraphCovariance(std::vector<BlockKey> keys, Eigen::MatrixXd covariance)
-    : keys_(std::move(keys)), covariance_(std::move(covariance)) {
-  int offset = 0;
-  for (const BlockKey& key : keys_) {
-    offsets_.push_back(offset);
-    offset += tangentSize(key.kind);
-  }
-}
-
-Eigen::MatrixXd GraphCovariance::block(const BlockKey& row, const BlockKey& column) const {
-  const auto r = std::find(keys_.begin(), keys_.end(), row),
-             c = std::find(keys_.begin(), keys_.end(), column);
-  if (r == keys_.end() || c == keys_.end()) return Eigen::MatrixXd();
-  return covariance_.block(offsets_[r - keys_.begin()], offsets_[c - keys_.begin()], tangentSize(row.kind),
-                           tangentSize(column.kind));
-}
 
 VisualInertialGraph::VisualInertialGraph(const GraphOptions& options, const CalibrationPrior& prior)
     : options_(options),
@@ -80,6 +61,11 @@ void VisualInertialGraph::addFrame(FrameState frame) {
   next_frame_id_ = std::max(next_frame_id_, frame.id + 1);
   landmarks_.addObservations(frame);
   frames_.push_back(std::move(frame));
+}
+
+void VisualInertialGraph::blindNewest() {
+  landmarks_.removeObservations(frames_.back().id);
+  frames_.back().features.clear();
 }
 
 void VisualInertialGraph::dropSecondNewest() {
@@ -230,12 +216,16 @@ void VisualInertialGraph::appendMarginalPrior(std::vector<Factor>* factors) cons
        blocksOf(prior.keys)});
 }
 
-void VisualInertialGraph::appendCalibrationPrior(std::vector<Factor>* factors) const {
+void VisualInertialGraph::appendExtrinsicsPrior(std::vector<Factor>* factors) const {
   Eigen::Matrix<double, 6, 6> sqrt_information = Eigen::Matrix<double, 6, 6>::Zero();
   sqrt_information.diagonal() << calibration_prior_.sigma_translation.cwiseInverse(),
       calibration_prior_.sigma_rotation.cwiseInverse();
   factors->push_back({std::make_unique<ExtrinsicPriorFactor>(calibration_prior_.T_BC, sqrt_information), 0.0,
                       blocksOf({kRotationKey, kTranslationKey})});
+}
+
+void VisualInertialGraph::appendCalibrationPrior(std::vector<Factor>* factors) const {
+  appendExtrinsicsPrior(factors);
   using Scalar = Eigen::Matrix<double, 1, 1>;
   factors->push_back({std::make_unique<DiagonalPriorFactor<1>>(Scalar(calibration_prior_.td),
                                                                Scalar(calibration_prior_.sigma_td)),
@@ -278,6 +268,31 @@ SolveSummary VisualInertialGraph::solveNewest(int max_iterations) {
   return solveFactors(newestFrameFactors(), options_.huber_threshold, held, options);
 }
 
+void VisualInertialGraph::reopenExtrinsics(const Transform& T_BC, const Eigen::Vector3d& sigma_translation,
+                                           const Eigen::Vector3d& sigma_rotation) {
+  landmarks_.removeObservations(frames_.back().id);
+  while (frames_.size() > 1) marginalizeOldest();
+  forgetExtrinsics();
+  calibration_.setTransform(T_BC);
+  calibration_prior_.T_BC = T_BC;
+  calibration_prior_.sigma_translation = sigma_translation;
+  calibration_prior_.sigma_rotation = sigma_rotation;
+  landmarks_.addObservations(frames_.back());
+}
+
+void VisualInertialGraph::forgetExtrinsics() {
+  if (!marginal_prior_) return;
+  std::vector<BlockKey> kept;
+  for (const BlockKey& key : marginal_prior_->keys)
+    if (!(key == kRotationKey) && !(key == kTranslationKey)) kept.push_back(key);
+  std::vector<BlockKey> keys{kRotationKey, kTranslationKey};
+  keys.insert(keys.end(), kept.begin(), kept.end());
+  std::vector<Factor> factors;
+  appendMarginalPrior(&factors);
+  appendExtrinsicsPrior(&factors);
+  setPrior(kept, marginalizeFirst(linearize(factors, blocksOf(keys)), 6));
+}
+
 int VisualInertialGraph::dropOutliers(double threshold_px) {
   return landmarks_.dropOutliers(frames_, calibration_, threshold_px);
 }
@@ -302,6 +317,23 @@ void VisualInertialGraph::setPrior(const std::vector<BlockKey>& keys, const Line
         Eigen::Map<const Eigen::VectorXd>(block.data, ambientSize(key.kind)));
   }
   marginal_prior_ = std::move(prior);
+}
+
+// The mount creeps for `seconds`: prior and calibration prior say less of the extrinsics, but for held parts (D41).
+LinearSystem VisualInertialGraph::withWalk(LinearSystem system, const std::vector<BlockKey>& keys,
+                                           double seconds) {
+  const double translation = calibration_.translation_held ? 0.0 : options_.translation_walk,
+               rotation = calibration_.rotation_held ? 0.0 : options_.rotation_walk;
+  const double p = translation * translation * seconds, theta = rotation * rotation * seconds;
+  calibration_prior_.sigma_translation = (calibration_prior_.sigma_translation.array().square() + p).sqrt();
+  calibration_prior_.sigma_rotation = (calibration_prior_.sigma_rotation.array().square() + theta).sqrt();
+  int first = 0;
+  for (const BlockKey& key : keys) {
+    if (key == kTranslationKey && p > 0.0) system = loosen(system, first, Eigen::Vector3d::Constant(p));
+    if (key == kRotationKey && theta > 0.0) system = loosen(system, first, Eigen::Vector3d::Constant(theta));
+    first += tangentSize(key.kind);
+  }
+  return system;
 }
 
 void VisualInertialGraph::marginalizeOldest() {
@@ -330,7 +362,8 @@ void VisualInertialGraph::marginalizeOldest() {
   appendMarginalPrior(&factors);
   for (const Landmark& landmark : consumed) appendLandmarkFactors(landmark, &factors);
   const LinearSystem system = marginalizeFirst(linearize(factors, blocksOf(keys)), 15);
-  setPrior(std::vector<BlockKey>(kept.begin(), kept.end()), system);
+  const std::vector<BlockKey> rest(kept.begin(), kept.end());
+  setPrior(rest, withWalk(system, rest, toSeconds(frames_[1].stamp - frames_[0].stamp)));
   if (first_frame_prior_ && first_frame_prior_->frame == oldest) first_frame_prior_.reset();
   frames_.pop_front();
   frames_.front().preintegration.reset();
@@ -362,20 +395,6 @@ std::optional<Eigen::MatrixXd> VisualInertialGraph::calibrationCovariance() cons
       (root * root.transpose()).ldlt().solve(Eigen::MatrixXd::Identity(size, size));
   if (!inverse.allFinite()) return std::nullopt;
   return scale.tail(size).asDiagonal() * inverse * scale.tail(size).asDiagonal();
-}
-
-double VisualInertialGraph::pixelSigma(int* count) const {
-  std::vector<double> errors;
-  for (const auto& [id, landmark] : landmarks_.landmarks()) {
-    if (!landmark.solved || landmark.observations.size() < 3) continue;
-    for (const Observation& observation : landmark.observations)
-      if (const FrameState* frame = findFrame(observation.frame))
-        errors.push_back(reprojectionError(landmark, observation, *frame, calibration_));
-  }
-  *count = static_cast<int>(errors.size());
-  if (errors.empty()) return 0.0;
-  std::nth_element(errors.begin(), errors.begin() + errors.size() / 2, errors.end());
-  return errors[errors.size() / 2] / kRayleighMedian;
 }
 
 }  // namespace autocal_vio

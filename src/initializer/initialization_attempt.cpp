@@ -196,7 +196,7 @@ bool InitializationAttempt::judge(const InitializedProblem& problem) {
   if (!covariance) return fail("scale and gravity are not determined yet", advice);
   const double sigma_scale = kSigmaInflation * relativeScaleSigma(problem.graph, *covariance);
   int observations = 0;
-  const double rms = problem.graph.pixelSigma(&observations);
+  const double rms = fittedPixelError(problem.graph, &observations);
   const NoiseFactors& factors = problem.noise.factors();
   const double bias = problem.graph.frames().back().bias().accelerometer.norm();
   // With known extrinsics the user waits for the odometry alone, and its scale goes on improving in the window.

@@ -16,31 +16,14 @@ GraphOptions graphOptions(const EstimatorOptions& options) {
   graph.pixel_sigma = options.pixel_sigma;
   graph.huber_threshold = options.huber_threshold;
   graph.gravity_magnitude = options.gravity_magnitude;
+  graph.rotation_walk = options.mount_rotation_walk_deg * M_PI / 180.0;
+  graph.translation_walk = options.mount_translation_walk;
   return graph;
 }
 
-constexpr BlockKey kRotationKey{-1, BlockKind::kExtrinsicRotation};
-constexpr BlockKey kTranslationKey{-1, BlockKind::kExtrinsicTranslation};
-constexpr BlockKey kTimeOffsetKey{-1, BlockKind::kTimeOffset};
-
-// Covariance of [p_BC, theta] that white noise would give; zero for parts that are held.
-Matrix6d extrinsicCovariance(const GraphCovariance& covariance) {
-  Matrix6d result = Matrix6d::Zero();
-  const Eigen::MatrixXd pp = covariance.block(kTranslationKey), tt = covariance.block(kRotationKey),
-                        pt = covariance.block(kTranslationKey, kRotationKey);
-  if (pp.size()) result.topLeftCorner<3, 3>() = pp;
-  if (tt.size()) result.bottomRightCorner<3, 3>() = tt;
-  if (pt.size()) result.topRightCorner<3, 3>() = pt;
-  result.bottomLeftCorner<3, 3>() = result.topRightCorner<3, 3>().transpose();
-  return result;
-}
-
-constexpr double kUnknownSigma = 1e3;          // published where nothing is known
-constexpr double kMinSigmaRotation = 1e-5;     // [rad] of a prior for the next session: less is a pretence
-constexpr double kMinSigmaTranslation = 1e-4;  // [m]
-constexpr double kMinSigmaTd = 1e-3;           // [s]
-constexpr double kContradictionSigmas = 5.0;   // from a prior
-constexpr double kBlindRemark = 0.3;           // [s] without usable images before the reason says so
+constexpr double kUnknownSigma = 1e3;         // published where nothing is known
+constexpr double kContradictionSigmas = 5.0;  // from a prior
+constexpr double kBlindRemark = 0.3;          // [s] without usable images before the reason says so
 
 // An error of the principal point turns the camera about its x and y axes.
 Matrix6d intrinsicsShare(const RigModel& rig, double focal_length) {
@@ -67,22 +50,13 @@ Session::Session(double focal_length, const RigModel& rig, const VioOptions& opt
                  const std::optional<Transform>& start_pose)
     : options_(options),
       noise_(rig.imu_noise),
-      monitor_(options.monitor),
-      inflation_(options.estimator.sigma_inflation),
+      record_(rig, options, focal_length),
       last_pose_(start_pose),
-      extrinsic_covariance_(Matrix6d::Identity() * kUnknownSigma * kUnknownSigma),
       intrinsics_share_(intrinsicsShare(rig, focal_length)),
-      sigma_td_(rig.time_offset_prior.sigma_td),
-      rotation_floor_(options.estimator.image_accuracy / focal_length),
       prior_(rig.extrinsics_prior) {
   initializer_ = std::make_unique<CalibratingInitializer>(
       focal_length, rig.imu_noise, rig.extrinsics_prior, rig.time_offset_prior, options.initializer,
       options.rotation_calibrator, graphOptions(options.estimator));
-  if (rig.extrinsics_prior) {
-    extrinsic_covariance_.diagonal().head<3>().setConstant(
-        std::pow(rig.extrinsics_prior->sigma_translation, 2));
-    extrinsic_covariance_.diagonal().tail<3>().setConstant(std::pow(rig.extrinsics_prior->sigma_rotation, 2));
-  }
   if (options.fix_extrinsics) hold(true, true, false);
 }
 
@@ -109,17 +83,17 @@ bool Session::process(const FeatureFrame& frame, const ImuBuffer& imu, VioUpdate
 EstimatorResult Session::advance(const FeatureFrame& frame, const ImuBuffer& imu) {
   const EstimatorResult result = estimator_->process(frame, imu);
   if (!result.healthy) return result;
-  updateCalibrationCovariance(result.keyframe_finished, frame.stamp);
-  rememberCalibration();
+  if (result.mount_moved) noteMovedMount();
+  record_.add(*estimator_, result.keyframe_finished, frame.stamp);
   if (result.keyframe_finished) {
     checkPrior();
-    judgeCalibration(frame.stamp);
+    record_.judge(*estimator_, frame.stamp);
   }
   return result;
 }
 
 void Session::lose(const EstimatorResult& result, VioUpdate* update) {
-  diverged_ = result.diverged;
+  calibration_trust_ = result.calibration_trust;
   update->state = VioState::kLost;
   update->reason = result.problem;
   if (last_calibration_) update->calibration = *last_calibration_;
@@ -166,7 +140,7 @@ EstimatorResult Session::catchUp(const std::vector<FeatureFrame>& frames, const 
 void Session::checkPrior() {
   if (!prior_ || !prior_problem_.empty()) return;
   const Transform T_BC = estimator_->graph().calibration().T_BC();
-  const Eigen::Matrix<double, 6, 1> sigma = extrinsic_covariance_.diagonal().cwiseSqrt();
+  const Eigen::Matrix<double, 6, 1> sigma = record_.extrinsicCovariance().diagonal().cwiseSqrt();
   const double angle = T_BC.rotation.angularDistance(prior_->T_imu_cam.rotation);
   const double distance = (T_BC.translation - prior_->T_imu_cam.translation).norm();
   if (!hold_rotation_ && contradicts(angle, sigma.tail<3>().maxCoeff(), prior_->sigma_rotation)) {
@@ -178,8 +152,12 @@ void Session::checkPrior() {
     return;
   }
   estimator_->dropCalibrationPrior();
-  inflation_ =
-      SigmaInflation(options_.estimator.sigma_inflation);  // the steps away from the prior say nothing
+  record_.forgetSteps();  // those away from the prior
+}
+
+void Session::noteMovedMount() {
+  prior_.reset();
+  record_.noteMovedMount();
 }
 
 void Session::remark(VioUpdate* update) const {
@@ -193,9 +171,8 @@ void Session::startEstimator(InitializedProblem problem, TimeNs stamp) {
   estimator_ =
       std::make_unique<SlidingWindowEstimator>(std::move(problem.graph), problem.noise, options_.estimator);
   estimator_->hold(hold_rotation_, hold_translation_, hold_td_);
-  updateCalibrationCovariance(true, stamp);
-  rememberCalibration();
-  judgeCalibration(stamp);
+  record_.add(*estimator_, true, stamp);
+  record_.judge(*estimator_, stamp);
 }
 
 // The first pose that is published is the last one of the session before: after the images that came while the attempt
@@ -207,62 +184,21 @@ void Session::continueFromLastPose() {
   T_odom_W_ = Transform(turn, last_pose_->translation - turn * T_WB.translation);
 }
 
-void Session::updateCalibrationCovariance(bool keyframe, TimeNs stamp) {
-  if (!estimator_->covariance()) return;
-  const GraphCovariance& covariance = *estimator_->covariance();
-  if (keyframe)
-    inflation_.add(stamp, estimator_->graph().calibration().T_BC(), extrinsicCovariance(covariance));
-  const double inflation = inflation_.factor();
-  const Eigen::MatrixXd pp = covariance.block(kTranslationKey), tt = covariance.block(kRotationKey),
-                        pt = covariance.block(kTranslationKey, kRotationKey),
-                        td = covariance.block(kTimeOffsetKey);
-  const double variance_factor = inflation * inflation;
-  if (pp.size()) extrinsic_covariance_.topLeftCorner<3, 3>() = variance_factor * pp;
-  if (tt.size())
-    extrinsic_covariance_.bottomRightCorner<3, 3>() =
-        variance_factor * tt + rotation_floor_ * rotation_floor_ * Eigen::Matrix3d::Identity();
-  extrinsic_covariance_.topRightCorner<3, 3>().setZero();
-  if (pt.size()) extrinsic_covariance_.topRightCorner<3, 3>() = variance_factor * pt;
-  extrinsic_covariance_.bottomLeftCorner<3, 3>() = extrinsic_covariance_.topRightCorner<3, 3>().transpose();
-  if (td.size()) sigma_td_ = inflation * std::sqrt(std::max(0.0, td(0, 0)));
-}
-
-void Session::judgeCalibration(TimeNs stamp) {
-  CalibrationSample sample;
-  sample.stamp = stamp;
-  sample.T_BC = estimator_->graph().calibration().T_BC();
-  sample.covariance = extrinsic_covariance_;
-  sample.td = td();
-  sample.sigma_td = hold_td_ ? 0.0 : sigma_td_;
-  // Zero says that a part is held, and waits for nothing.
-  if (hold_translation_) sample.covariance.topRows<3>().setZero(), sample.covariance.leftCols<3>().setZero();
-  if (hold_rotation_) sample.covariance.bottomRows<3>().setZero(), sample.covariance.rightCols<3>().setZero();
-  monitor_.add(sample);
-  if (monitor_.converged()) converged_ = current_;
-}
-
-void Session::rememberCalibration() {
-  const Eigen::Matrix<double, 6, 1> sigma = extrinsic_covariance_.diagonal().cwiseMax(0.0).cwiseSqrt();
-  CalibrationKnowledge knowledge;
-  knowledge.extrinsics.T_imu_cam = estimator_->graph().calibration().T_BC();
-  knowledge.extrinsics.sigma_translation = std::max(kMinSigmaTranslation, sigma.head<3>().maxCoeff());
-  knowledge.extrinsics.sigma_rotation = std::max(kMinSigmaRotation, sigma.tail<3>().maxCoeff());
-  knowledge.time_offset = {td(), std::max(kMinSigmaTd, sigma_td_)};
-  current_ = knowledge;
-}
-
-std::optional<CalibrationKnowledge> Session::knowledge() const {
-  return diverged_ ? converged_ : current_;
-}
-
 void Session::hold(bool rotation, bool translation, bool time_offset) {
+  const bool released = (hold_rotation_ || hold_translation_) && !rotation && !translation;
   hold_rotation_ = rotation;
   hold_translation_ = translation;
   hold_td_ = time_offset;
   initializer_->hold(rotation, translation, time_offset);
   if (!estimator_) return;
   estimator_->hold(rotation, translation, time_offset);
-  judgeCalibration(estimator_->newest().stamp);  // what was said of parts held before holds no longer
+  if (released && record_.mountMoved()) {
+    estimator_->reopenExtrinsics();
+    noteMovedMount();
+    record_.add(*estimator_, false, estimator_->newest().stamp);
+  }
+  record_.judge(*estimator_,
+                estimator_->newest().stamp);  // what was said of parts held before holds no longer
 }
 
 void Session::fillFromInitializer(VioUpdate* update) const {
@@ -322,7 +258,7 @@ void Session::fillOdometry(VioUpdate* update) const {
   odometry.T_odom_origin = T_odom_W_ * T_W_origin_;
   if (estimator_->covariance()) {
     const GraphCovariance& covariance = *estimator_->covariance();
-    const double variance_factor = std::pow(inflation_.factor(), 2);
+    const double variance_factor = std::pow(record_.sigmaInflation(), 2);
     const Eigen::MatrixXd pose = covariance.block({estimator_->covarianceFrame(), BlockKind::kPose});
     const Eigen::MatrixXd motion = covariance.block({estimator_->covarianceFrame(), BlockKind::kMotion});
     // Position in W; rotation from the body's axes to the world's.
@@ -350,13 +286,13 @@ void Session::fillCalibration(VioUpdate* update) const {
   calibration.accelerometer_noise_factor = estimator_->noiseFactors().accelerometer;
   calibration.gyroscope_noise_factor = estimator_->noiseFactors().gyroscope;
   calibration.pixel_sigma = graph.optionsView().pixel_sigma;
-  calibration.rotation_observable = monitor_.rotationObservable();
-  calibration.translation_observable = monitor_.translationObservable();
-  calibration.covariance = extrinsic_covariance_ + intrinsics_share_;
-  calibration.sigma_td = sigma_td_;
+  calibration.rotation_observable = record_.monitor().rotationObservable();
+  calibration.translation_observable = record_.monitor().translationObservable();
+  calibration.covariance = record_.extrinsicCovariance() + intrinsics_share_;
+  calibration.sigma_td = record_.sigmaTd();
   if (!estimator_->covariance()) return;
   const GraphCovariance& covariance = *estimator_->covariance();
-  const double inflation = inflation_.factor();
+  const double inflation = record_.sigmaInflation();
   const Eigen::MatrixXd motion = covariance.block({estimator_->covarianceFrame(), BlockKind::kMotion});
   const Vector9d sigma = inflation * motion.diagonal().cwiseMax(0.0).cwiseSqrt();
   calibration.sigma_gyroscope_bias = sigma.segment<3>(3);
@@ -365,13 +301,18 @@ void Session::fillCalibration(VioUpdate* update) const {
 
 void Session::fillState(VioUpdate* update) const {
   const bool frozen = hold_rotation_ && hold_translation_;
-  update->state = frozen                 ? VioState::kFrozen
-                  : monitor_.converged() ? VioState::kConverged
-                                         : VioState::kEstimating;
-  update->reason = frozen ? "the extrinsics are held" : monitor_.reason();
+  update->state = frozen                ? VioState::kFrozen
+                  : record_.converged() ? VioState::kConverged
+                                        : VioState::kEstimating;
+  update->reason = frozen ? "the extrinsics are held" : record_.monitor().reason();
   if (estimator_->standing())
     update->reason = "standing still, pose and calibration do not change; " + update->reason;
-  update->motion_advice = frozen ? "" : monitor_.motionAdvice();
+  update->motion_advice = frozen ? "" : record_.monitor().motionAdvice();
+  if (record_.mountMoved() && (hold_rotation_ || hold_translation_))
+    update->reason =
+        "the camera has moved on its mount, and what is held of the extrinsics is wrong: release it";
+  else if (record_.mountMoved())
+    update->reason = "the camera has moved on its mount; calibrating anew: " + update->reason;
   const double blind = estimator_->blindTime();
   if (blind < kBlindRemark) return;
   std::ostringstream text;

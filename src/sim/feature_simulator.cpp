@@ -175,12 +175,14 @@ std::shared_ptr<const Trajectory> makeTrajectory(const FeatureSimulationOptions&
   return std::make_shared<SineTrajectory>(motion);
 }
 
-// What the bump makes of the camera's pose in the IMU frame.
-Transform bumped(const Transform& T_imu_cam, const FeatureSimulationOptions& options) {
+// What the bump has made of the camera's pose in the IMU frame by `since` [s] after its beginning.
+Transform bumped(const Transform& T_imu_cam, const FeatureSimulationOptions& options, double since) {
+  if (options.bump_time <= 0.0 || since < 0.0) return T_imu_cam;
+  const double share = since < options.bump_duration ? since / options.bump_duration : 1.0;
   RandomSource random(options.seed, 31);
   const Vector3d axis = random.unitVector(), direction = random.unitVector();
-  const Transform T_CCnew(expSo3((axis * options.bump_rotation_deg * M_PI / 180.0).eval()),
-                          (direction * options.bump_translation).eval());
+  const Transform T_CCnew(expSo3((share * options.bump_rotation_deg * M_PI / 180.0 * axis).eval()),
+                          (share * options.bump_translation * direction).eval());
   return T_imu_cam * T_CCnew;
 }
 
@@ -189,8 +191,10 @@ void checkOptions(const FeatureSimulationOptions& options) {
     throw std::invalid_argument("feature simulator: image_rate must be within (0, 1000] Hz");
   if (options.max_tracks < 0 || !(options.pixel_sigma >= 0.0))
     throw std::invalid_argument("feature simulator: max_tracks and pixel_sigma must not be negative");
-  if (!(options.bump_time >= 0.0 && options.bump_rotation_deg >= 0.0 && options.bump_translation >= 0.0))
-    throw std::invalid_argument("feature simulator: time and size of the bump must not be negative");
+  if (!(options.bump_time >= 0.0 && options.bump_duration >= 0.0 && options.bump_rotation_deg >= 0.0 &&
+        options.bump_translation >= 0.0))
+    throw std::invalid_argument(
+        "feature simulator: time, duration and size of the bump must not be negative");
   if (options.rig && !options.rig->rig.camera)
     throw std::invalid_argument("feature simulator: the rig needs camera intrinsics");
 }
@@ -231,7 +235,6 @@ FeatureDataset simulateFeatures(const FeatureSimulationOptions& options) {
   dataset.gravity = options.gravity;
   const std::vector<ImuBias> biases = simulateImu(options, *trajectory, &dataset);
   TrackSimulator tracks(options, dataset.rig, positionBounds(*trajectory));
-  const Transform T_imu_cam_bumped = bumped(dataset.rig.T_imu_cam, options);
   const TimeNs td = fromSeconds(dataset.rig.td), bump = trajectory->begin() + fromSeconds(options.bump_time);
   for (std::int64_t i = 0;; ++i) {
     TruthSample truth;
@@ -244,8 +247,7 @@ FeatureDataset simulateFeatures(const FeatureSimulationOptions& options) {
     truth.velocity_W = motion.velocity_W;
     truth.angular_velocity_B = motion.angular_velocity_B;
     truth.bias = biasAt(dataset.imu, biases, truth.stamp_imu);
-    const bool after_bump = options.bump_time > 0.0 && truth.stamp_imu >= bump;
-    truth.T_imu_cam = after_bump ? T_imu_cam_bumped : dataset.rig.T_imu_cam;
+    truth.T_imu_cam = bumped(dataset.rig.T_imu_cam, options, toSeconds(truth.stamp_imu - bump));
     truth.td = dataset.rig.td;
     dataset.frames.push_back(tracks.observe(truth.stamp, motion.T_WB * truth.T_imu_cam, &dataset));
     dataset.truth.push_back(truth);

@@ -178,6 +178,8 @@ class LiveSimulation(unittest.TestCase):
         self.assertIsNotNone(after)
         moved = [getattr(after.pose.position, k) - getattr(before.position, k) for k in 'xyz']
         self.assertAlmostEqual(math.sqrt(sum(d * d for d in moved)), 0.05, places=9)
+        told = self.all['status'].wait(lambda m: 'the camera has moved on its mount' in m.reason)
+        self.assertIsNotNone(told, 'the status does not say so')
 
 
 if __name__ == '__main__':

@@ -219,5 +219,20 @@ TEST(LinearSystem, UnitsDoNotMatter) {
   EXPECT_LT((a.g - b.g).norm(), 1e-8 * a.g.norm());
 }
 
+// A random step adds its variance to the covariance, and to nothing else.
+TEST(LinearSystem, LooseningAddsVariance) {
+  const LinearSystem system = randomSystem(12);
+  const VectorXd solution = system.H.llt().solve(system.g);
+  for (const double size : {0.0, 1e-9, 0.3, 1e4}) {
+    const Eigen::Vector3d variance = size * Eigen::Vector3d(1.0, 2.0, 0.5);
+    MatrixXd expected = system.H.inverse();
+    expected.block<3, 3>(4, 4).diagonal() += variance;
+    const LinearSystem loose = loosen(system, 4, variance);
+    ASSERT_EQ(loose.g.size(), 12);
+    EXPECT_LT((loose.H.inverse() - expected).norm(), 1e-8 * expected.norm()) << size;
+    EXPECT_LT((loose.H.llt().solve(loose.g) - solution).norm(), 1e-8 * solution.norm()) << size;
+  }
+}
+
 }  // namespace
 }  // namespace autocal_vio

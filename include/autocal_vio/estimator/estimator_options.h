@@ -10,6 +10,8 @@ struct EstimatorOptions {
   double pixel_sigma = 1.0;
   double huber_threshold = 1.5;
   double gravity_magnitude = 9.81;
+  double mount_rotation_walk_deg = 5e-4;
+  double mount_translation_walk = 2e-5;
   double sigma_inflation = 1.1;
   double image_accuracy = 0.1;
   double standstill_time = 1.0;
@@ -31,6 +33,10 @@ struct EstimatorOptions {
     visit("huber_threshold", huber_threshold, 0.1, 100,
           "Huber threshold of a whitened reprojection residual [-]");
     visit("gravity_magnitude", gravity_magnitude, 9.5, 10.0, "magnitude of gravity [m/s^2]");
+    visit("mount_rotation_walk_deg", mount_rotation_walk_deg, 0, 1,
+          "random walk of R_BC, about each axis: lets it follow a mount that creeps; 0: never moves "
+          "[deg/sqrt(s)]");
+    visit("mount_translation_walk", mount_translation_walk, 0, 0.1, "random walk of p_BC [m/sqrt(s)]");
     visit("sigma_inflation", sigma_inflation, 1, 20,
           "published sigmas over those of white noise, at least; grows up to 4 times with the estimate's "
           "steps [-]");

@@ -1,10 +1,12 @@
 // Fixed-lag estimation of pose, velocity, biases, extrinsics and time offset. Paper section 4.
 #pragma once
 
+#include <array>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "autocal_vio/estimator/bump_detector.h"
 #include "autocal_vio/estimator/estimator_options.h"
 #include "autocal_vio/estimator/standing_frame.h"
 #include "autocal_vio/estimator/standstill_detector.h"
@@ -14,10 +16,19 @@
 
 namespace autocal_vio {
 
+/// How much of the calibration holds once the estimate has been lost.
+enum class CalibrationTrust {
+  kAll,          ///< lost for want of data
+  kConverged,    ///< the estimate has diverged: what had converged before
+  kWithinABump,  ///< the data have contradicted it: what had converged before, by the size of a bump
+};
+
 struct EstimatorResult {
   bool healthy = true;
-  bool diverged = false;  ///< not healthy because of the estimate itself, not for want of data
-  std::string problem;    ///< in words, when not healthy
+  CalibrationTrust calibration_trust = CalibrationTrust::kAll;
+  std::string problem;  ///< in words, when not healthy
+  bool mount_moved =
+      false;  ///< the camera has just moved on its mount; what is not held starts anew, or nothing does
   bool keyframe_finished =
       false;  ///< the covariance holds for another keyframe than before, the one before this image
 };
@@ -33,6 +44,10 @@ class SlidingWindowEstimator {
 
   /// Goes on without the prior on the extrinsics.
   void dropCalibrationPrior() { graph_.dropExtrinsicsPrior(); }
+
+  /// The camera sits elsewhere on its mount than the extrinsics say, by the size of a bump: they start anew from what
+  /// they are.
+  void reopenExtrinsics();
 
   /// Holds or releases parts of the calibration.
   void hold(bool rotation, bool translation, bool time_offset);
@@ -53,7 +68,9 @@ class SlidingWindowEstimator {
   FrameId covarianceFrame() const { return covariance_frame_; }
 
  private:
-  EstimatorResult fail(const std::string& problem, bool diverged) const;
+  bool mountIsAtRest(EstimatorResult* result);
+  void reopenExtrinsicsAt(const Transform& T_BC, double sigma_translation, double sigma_rotation);
+  EstimatorResult fail(const std::string& problem, CalibrationTrust trust) const;
   bool isKeyframe() const;
   bool finishKeyframe();
   EstimatorResult estimate(EstimatorResult result, bool resting);
@@ -64,14 +81,20 @@ class SlidingWindowEstimator {
   double positionSigma() const;
   std::string findLoss(TimeNs stamp) const;
   void adaptNoise();
+  bool noiseHasGrown() const;
   void adaptPixelSigma();
   std::string findFault() const;
+  std::string findContradiction() const;
 
   EstimatorOptions options_;
   VisualInertialGraph graph_;
   NoiseAdaptation noise_;
   StandstillDetector standstill_;
   std::optional<StandingFrame> standing_frame_;
+  BumpDetector bump_detector_;
+  std::array<NoiseFactors, 2> earlier_noise_;  ///< of 5 to 10 s ago, and later
+  TimeNs earlier_noise_stamp_ = 0;
+  std::optional<TimeNs> moved_;  ///< stamp of the image that showed that the mount has moved
   bool newest_is_keyframe_ = true;
   bool keyframe_unfinished_ = false;  ///< covariance, noise and marginalisation wait for the next image
   std::optional<GraphCovariance> covariance_;

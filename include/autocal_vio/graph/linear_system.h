@@ -21,6 +21,10 @@ LinearSystem linearize(const std::vector<Factor>& factors, const std::vector<Blo
 /// Removes the first `count` unknowns by Schur complement. Directions nothing is known of are left out.
 LinearSystem marginalizeFirst(const LinearSystem& system, int count);
 
+/// Lets the unknowns from `first` on take a random step of this variance each. What is known of all others stays; what
+/// is known of these, and of how they go with the others, becomes less.
+LinearSystem loosen(const LinearSystem& system, int first, const Eigen::VectorXd& variance);
+
 /// Sum of squared whitened residuals of one factor at the present states, not robustified.
 double squaredResidual(const Factor& factor);
 

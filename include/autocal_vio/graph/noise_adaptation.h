@@ -53,6 +53,10 @@ class NoiseAdaptation {
   Evidence evidence_;
 };
 
+/// Standard deviation of the solved graph's reprojection errors per axis [px], from their median so that outliers do not
+/// count, and the number of observations it rests on.
+double fittedPixelError(const VisualInertialGraph& graph, int* count);
+
 /// Pixel noise that the solved graph's residuals show [px], within bounds; nothing when it has too few.
 std::optional<double> fittedPixelSigma(const VisualInertialGraph& graph);
 

@@ -12,6 +12,7 @@
 #include "autocal_vio/factors/prior_factors.h"
 #include "autocal_vio/graph/factor.h"
 #include "autocal_vio/graph/frame_state.h"
+#include "autocal_vio/graph/graph_covariance.h"
 #include "autocal_vio/graph/landmark_map.h"
 #include "autocal_vio/graph/linear_system.h"
 #include "autocal_vio/graph/solve_factors.h"
@@ -22,6 +23,8 @@ struct GraphOptions {
   double pixel_sigma = 1.0;         ///< [px]
   double huber_threshold = 1.5;     ///< of a whitened reprojection residual's norm [-]
   double gravity_magnitude = 9.81;  ///< [m/s^2]
+  double translation_walk = 0.0;    ///< of the extrinsics, as time goes [m/sqrt(s)]
+  double rotation_walk = 0.0;       ///< [rad/sqrt(s)]
   int shortest_landmark = 8;        ///< observations
   int longest_landmark = 14;        ///< observations
 };
@@ -33,20 +36,6 @@ struct CalibrationPrior {
   Eigen::Vector3d sigma_rotation = Eigen::Vector3d::Constant(10.0);    ///< [rad]
   double td = 0.0;
   double sigma_td = 0.05;  ///< [s]
-};
-
-/// Covariance of all states but landmarks, in their tangents.
-class GraphCovariance {
- public:
-  GraphCovariance(std::vector<BlockKey> keys, Eigen::MatrixXd covariance);
-  /// Covariance between two states; empty when one of them is unknown or held.
-  Eigen::MatrixXd block(const BlockKey& row, const BlockKey& column) const;
-  Eigen::MatrixXd block(const BlockKey& key) const { return block(key, key); }
-
- private:
-  std::vector<BlockKey> keys_;
-  std::vector<int> offsets_;
-  Eigen::MatrixXd covariance_;
 };
 
 class VisualInertialGraph {
@@ -62,8 +51,18 @@ class VisualInertialGraph {
   /// Appends a frame; all but the first need `preintegration` from the frame before.
   void addFrame(FrameState frame);
 
+  /// Takes the newest frame's image away; the frame stays.
+  void blindNewest();
+
   /// Takes the frame before the newest out, with its image; the IMU's intervals are joined.
   void dropSecondNewest();
+
+  /// The camera has moved on its mount since the frame before the newest, to `T_BC` with these sigmas [m, rad], which
+  /// become the prior: all earlier frames are marginalised with the extrinsics they were taken with, then those are
+  /// too, and landmarks begin anew at the newest frame. What is known of its pose, velocity and biases and of the time
+  /// offset stays known.
+  void reopenExtrinsics(const Transform& T_BC, const Eigen::Vector3d& sigma_translation,
+                        const Eigen::Vector3d& sigma_rotation);
 
   /// Turns the oldest frame, and all landmarks seen in it, into the prior.
   void marginalizeOldest();
@@ -83,14 +82,12 @@ class VisualInertialGraph {
   /// The calibration's part of it alone, [R_BC, p_BC, td] without what is held: many times as fast for long batches.
   std::optional<Eigen::MatrixXd> calibrationCovariance() const;
 
-  /// Standard deviation of the reprojection errors per axis [px], from their median so that outliers do not count,
-  /// and the number of observations it rests on.
-  double pixelSigma(int* count) const;
-
   std::vector<Factor> imuFactors() const;
 
   const std::deque<FrameState>& frames() const { return frames_; }
   std::deque<FrameState>& frames() { return frames_; }
+  /// Null where it is no longer in the window.
+  const FrameState* findFrame(FrameId id) const;
   LandmarkMap& landmarkMap() { return landmarks_; }
   const LandmarkMap& landmarkMap() const { return landmarks_; }
   CalibrationState& calibration() { return calibration_; }
@@ -126,9 +123,11 @@ class VisualInertialGraph {
   void appendFirstFramePrior(std::vector<Factor>* factors) const;
   void appendStandstill(const FrameState& frame, std::vector<Factor>* factors) const;
   void appendMarginalPrior(std::vector<Factor>* factors) const;
+  void appendExtrinsicsPrior(std::vector<Factor>* factors) const;
   void appendCalibrationPrior(std::vector<Factor>* factors) const;
   std::vector<Factor> allFactors() const;
-  const FrameState* findFrame(FrameId id) const;
+  void forgetExtrinsics();
+  LinearSystem withWalk(LinearSystem system, const std::vector<BlockKey>& keys, double seconds);
   void setPrior(const std::vector<BlockKey>& keys, const LinearSystem& system);
 
   GraphOptions options_;

@@ -6,21 +6,14 @@
 #include <set>
 #include <string>
 
-#include "autocal_vio/estimator/extrinsic_monitor.h"
-#include "autocal_vio/estimator/sigma_inflation.h"
 #include "autocal_vio/estimator/sliding_window_estimator.h"
 #include "autocal_vio/initializer/calibrating_initializer.h"
+#include "autocal_vio/pipeline/calibration_record.h"
 #include "autocal_vio/pipeline/vio_options.h"
 #include "autocal_vio/pipeline/vio_update.h"
 #include "autocal_vio/rig/rig_model.h"
 
 namespace autocal_vio {
-
-/// What one session knows of the calibration, for the next one to begin with.
-struct CalibrationKnowledge {
-  ExtrinsicsPrior extrinsics;
-  TimeOffsetPrior time_offset;
-};
 
 class Session {
  public:
@@ -43,7 +36,7 @@ class Session {
                                                    const ImuBuffer& imu) const;
   /// The calibration so far as a prior for the next session; nothing where it never got that far. Once the estimate
   /// has diverged, only what had converged before counts.
-  std::optional<CalibrationKnowledge> knowledge() const;
+  std::optional<CalibrationKnowledge> knowledge() const { return record_.knowledge(calibration_trust_); }
   /// True once the data have contradicted the extrinsics given to this session.
   bool priorContradicted() const { return !prior_problem_.empty() && !hold_rotation_ && !hold_translation_; }
   /// Tracks that the estimate has found to slide off their point; null before there is one.
@@ -59,10 +52,8 @@ class Session {
   EstimatorResult catchUp(const std::vector<FeatureFrame>& frames, const ImuBuffer& imu);
   void startEstimator(InitializedProblem problem, TimeNs stamp);
   void continueFromLastPose();
-  void rememberCalibration();
-  void judgeCalibration(TimeNs stamp);
-  void updateCalibrationCovariance(bool keyframe, TimeNs stamp);
   void checkPrior();
+  void noteMovedMount();
   void remark(VioUpdate* update) const;
   void lose(const EstimatorResult& result, VioUpdate* update);
   void fillFromInitializer(VioUpdate* update) const;
@@ -75,21 +66,14 @@ class Session {
   ImuNoise noise_;
   std::unique_ptr<CalibratingInitializer> initializer_;
   std::unique_ptr<SlidingWindowEstimator> estimator_;
-  ExtrinsicMonitor monitor_;
-  SigmaInflation inflation_;
+  CalibrationRecord record_;
   Transform T_odom_W_;           ///< yaw and translation only
   TimeNs origin_stamp_imu_ = 0;  ///< of the batch's first frame, where position and yaw are fixed
   Transform T_W_origin_;         ///< its pose
   std::optional<Transform> last_pose_;
-  // Given the camera's intrinsics; parts that are held keep the uncertainty they had before.
-  Matrix6d extrinsic_covariance_;
   Matrix6d intrinsics_share_;  ///< what is published adds this: of the intrinsics' own error
-  double sigma_td_;
-  double rotation_floor_;  ///< sigma of R_BC that measuring longer does not improve [rad]
   std::optional<CalibrationEstimate> last_calibration_;  ///< of the last sound estimate
-  std::optional<CalibrationKnowledge> current_,
-      converged_;  ///< of the last sound one; of the last converged one
-  bool diverged_ = false;
+  CalibrationTrust calibration_trust_ = CalibrationTrust::kAll;
   std::optional<ExtrinsicsPrior> prior_;  ///< as given
   std::string prior_problem_;             ///< what is wrong with it, in words
   bool hold_rotation_ = false, hold_translation_ = false, hold_td_ = false;

@@ -43,6 +43,7 @@ struct FeatureSimulationOptions {
   double outlier_fraction = 0.0;     ///< share of the tracks that wander off at 10-60 px/s
   double loss_rate = 0.15;           ///< chance per second that a track is lost [1/s]
   double bump_time = 0.0;            ///< when the mount is bumped, from the beginning; 0: never [s]
+  double bump_duration = 0.0;        ///< how long the mount slips then, steadily; 0: a step [s]
   double bump_rotation_deg = 0.0;    ///< size of the bump, about a random axis of the camera [deg]
   double bump_translation = 0.0;     ///< size of the bump, in a random direction [m]
 
