@@ -28,6 +28,14 @@ Matrix6d whiteCovariance(const GraphCovariance& covariance) {
   return result;
 }
 
+// What it says is still true to within a bump.
+CalibrationKnowledge widened(CalibrationKnowledge knowledge) {
+  ExtrinsicsPrior& extrinsics = knowledge.extrinsics;
+  extrinsics.sigma_rotation = std::hypot(extrinsics.sigma_rotation, kBumpRotation);
+  extrinsics.sigma_translation = std::hypot(extrinsics.sigma_translation, kBumpTranslation);
+  return knowledge;
+}
+
 }  // namespace
 
 CalibrationRecord::CalibrationRecord(const RigModel& rig, const VioOptions& options, double focal_length)
@@ -99,12 +107,7 @@ void CalibrationRecord::remember(const SlidingWindowEstimator& estimator) {
 
 std::optional<CalibrationKnowledge> CalibrationRecord::knowledge(CalibrationTrust trust) const {
   if (trust == CalibrationTrust::kAll) return current_;
-  std::optional<CalibrationKnowledge> result = converged_;
-  if (result && trust == CalibrationTrust::kWithinABump) {
-    result->extrinsics.sigma_rotation = std::hypot(result->extrinsics.sigma_rotation, kBumpRotation);
-    result->extrinsics.sigma_translation = std::hypot(result->extrinsics.sigma_translation, kBumpTranslation);
-  }
-  return result;
+  return trust == CalibrationTrust::kWithinABump && converged_ ? widened(*converged_) : converged_;
 }
 
 void CalibrationRecord::forgetSteps() {
@@ -113,7 +116,7 @@ void CalibrationRecord::forgetSteps() {
 
 void CalibrationRecord::noteMovedMount() {
   mount_moved_ = true;
-  converged_.reset();
+  if (converged_) converged_ = widened(*converged_);
   monitor_.reset();
   forgetSteps();
 }

@@ -92,22 +92,21 @@ void expectFollowed(const FaultRun& run, const Bump& bump, const char* name, int
   std::fflush(stdout);
 }
 
-TEST(MovedMount, CalibratesAgainWithWhiteNoise) {
+void expectSeedsFollowed(FeatureSimulationOptions (*noise)(std::uint64_t), const char* name) {
   const int seeds = static_cast<int>(wished("AUTOCAL_VIO_SEEDS", 1));
   for (int seed = 1; seed <= seeds; ++seed) {
     const Bump bump = bumpOf(seed);
-    const Stream stream = bumpedStream(FeatureSimulationOptions::euroc(seed), bump, bump.time + kAfter);
-    expectFollowed(runStream(stream, stream.data().rig.rig, VioOptions()), bump, "white", seed);
+    const Stream stream = bumpedStream(noise(static_cast<std::uint64_t>(seed)), bump, bump.time + kAfter);
+    expectFollowed(runStream(stream, stream.data().rig.rig, VioOptions()), bump, name, seed);
   }
 }
 
+TEST(MovedMount, CalibratesAgainWithWhiteNoise) {
+  expectSeedsFollowed(FeatureSimulationOptions::euroc, "white");
+}
+
 TEST(MovedMount, CalibratesAgainWithRealisticNoise) {
-  const int seeds = static_cast<int>(wished("AUTOCAL_VIO_SEEDS", 1));
-  for (int seed = 1; seed <= seeds; ++seed) {
-    const Bump bump = bumpOf(seed);
-    const Stream stream = bumpedStream(FeatureSimulationOptions::realistic(seed), bump, bump.time + kAfter);
-    expectFollowed(runStream(stream, stream.data().rig.rig, VioOptions()), bump, "realistic", seed);
-  }
+  expectSeedsFollowed(FeatureSimulationOptions::realistic, "realistic");
 }
 
 // Too slow for the bump detector: the estimate is found to be contradicted, lost, and begun anew from nothing certain.

@@ -31,7 +31,7 @@ class CalibrationRecord {
   /// What the sigmas have been taught by the estimate's steps counts no longer: they were no noise.
   void forgetSteps();
 
-  /// The camera has moved on its mount: what was known before holds no longer, for this session or the next.
+  /// The camera has moved on its mount: what was known before holds to within a bump, for this session or the next.
   void noteMovedMount();
 
   /// As a prior for the next session; nothing where it never got that far.
