@@ -82,6 +82,7 @@ std::string kalibrCamchainText(const KalibrCamchain& camchain) {
   text += "  intrinsics: " + listText(camera.intrinsics) + "\n";
   text += "  resolution: [" + std::to_string(camera.width) + ", " + std::to_string(camera.height) + "]\n";
   appendNumber("sigma_principal_point", camera.sigma_principal_point, 1.0, &text);
+  if (camera.readout_time > 0.0) appendNumber("readout_time", camera.readout_time, 1.0, &text);
   if (!camchain.image_topic.empty()) text += "  rostopic: " + quoted(camchain.image_topic) + "\n";
   if (!camchain.T_imu_cam) return text;
   text += "  timeshift_cam_imu: " + shortestText(camchain.td) + "\n";

@@ -102,6 +102,7 @@ void readCamera(YamlSection* section, RigModel* rig) {
     camera.intrinsics = Eigen::Map<const Eigen::Vector4d>(values->data());
   camera.sigma_principal_point =
       section->number("sigma_principal_point").value_or(camera.sigma_principal_point);
+  camera.readout_time = section->number("readout_time").value_or(camera.readout_time);
   for (const std::string& problem : camera.validate()) section->addProblem("", problem);
   rig->camera = camera;
 }

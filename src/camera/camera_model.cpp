@@ -119,6 +119,7 @@ std::vector<std::string> CameraIntrinsics::validate() const {
             higher_radial_coeffs.norm());
   require(sigma_principal_point >= 0.0 && sigma_principal_point <= 20.0,
           "sigma_principal_point must be within [0, 20] px", sigma_principal_point);
+  require(readout_time >= 0.0 && readout_time <= 0.1, "readout_time must be within [0, 0.1] s", readout_time);
   return problems;
 }
 

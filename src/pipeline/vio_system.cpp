@@ -9,6 +9,7 @@
 
 #include "autocal_vio/common/stage_clock.h"
 #include "autocal_vio/frontend/feature_tracker.h"
+#include "autocal_vio/frontend/rolling_shutter.h"
 #include "autocal_vio/imu/imu_plausibility.h"
 #include "autocal_vio/pipeline/measurement_sync.h"
 #include "autocal_vio/pipeline/session.h"
@@ -46,7 +47,8 @@ class VioSystem::Impl {
         rig_(rig),
         options_(options),
         sink_(std::move(sink)),
-        tracker_(camera_, options.tracker) {
+        tracker_(camera_, options.tracker),
+        rolling_shutter_(rig.camera->readout_time, rig.camera->height) {
     startSession(rig_, std::nullopt);
   }
 
@@ -167,8 +169,9 @@ class VioSystem::Impl {
   void process(PendingFrame pending) {
     update_ = VioUpdate();
     update_.stamp = pending.stamp;
-    const FeatureFrame frame = pending.features ? std::move(*pending.features) : track(pending);
+    FeatureFrame frame = pending.features ? std::move(*pending.features) : track(pending);
     fillTracks(frame);
+    frame = rolling_shutter_.correct(std::move(frame));
     last_processed_ = pending.stamp;
     const bool sound = session_->process(frame, sync_.imu(), &update_);
     if (const std::set<std::int64_t>* wandering = session_->wanderingTracks()) tracker_.drop(*wandering);
@@ -221,6 +224,7 @@ class VioSystem::Impl {
   VioOptions options_;
   UpdateSink sink_;
   FeatureTracker tracker_;
+  RollingShutter rolling_shutter_;
   MeasurementSync sync_;
   ImuPlausibility imu_plausibility_;
   std::unique_ptr<Session> session_;

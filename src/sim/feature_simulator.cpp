@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <stdexcept>
 
 #include "autocal_vio/geometry/so3.h"
@@ -32,6 +33,11 @@ double distanceToWall(const Eigen::AlignedBox3d& box, const Vector3d& origin, co
   return distance;
 }
 
+// Pose of the camera some seconds after the stamp of an image, whose middle row is exposed there.
+using CameraPath = std::function<Transform(double)>;
+
+constexpr int kRowIterations = 3;  // a point moves within the readout, and so does its row
+
 // Tracks as a KLT front end keeps them.
 class TrackSimulator {
  public:
@@ -42,12 +48,12 @@ class TrackSimulator {
     walls_.max().array() += kWallMargin;
   }
 
-  FeatureFrame observe(TimeNs stamp, const Transform& T_WC, FeatureDataset* dataset) {
+  FeatureFrame observe(TimeNs stamp, const CameraPath& path, FeatureDataset* dataset) {
     const double dt = frames_ == 0 ? 0.0 : toSeconds(stamp - last_stamp_);
     last_stamp_ = stamp;
     ++frames_;
-    advance(T_WC, dt);
-    replenish(T_WC, dataset);
+    advance(path, dt);
+    replenish(path, dataset);
     FeatureFrame frame;
     frame.stamp = stamp;
     for (Track& track : tracks_) {
@@ -72,15 +78,15 @@ class TrackSimulator {
   };
 
   // Moves the tracks to the new pose; drops those out of view and those lost by chance.
-  void advance(const Transform& T_WC, double dt) {
-    const Transform T_CW = T_WC.inverse();
+  void advance(const CameraPath& path, double dt) {
+    const Transform T_CW = path(0.0).inverse();
     const double loss = 1.0 - std::exp(-options_.loss_rate * dt);
     std::vector<Track> kept;
     kept.reserve(tracks_.size());
     for (Track& track : tracks_) {
       Vector2d pixel;
       const bool lost = random_.chance(loss);
-      if (!camera_.project(T_CW * track.point_W, &pixel)) continue;
+      if (!project(track.point_W, T_CW, path, &pixel)) continue;
       const double flow = dt > 0.0 ? (pixel - track.pixel).norm() / dt : 0.0;
       if (options_.drifting_tracks) track.drift.advance(dt, flow, &random_);
       track.outlier_error += track.outlier_velocity * dt;
@@ -91,7 +97,19 @@ class TrackSimulator {
     tracks_ = std::move(kept);
   }
 
-  void replenish(const Transform& T_WC, FeatureDataset* dataset) {
+  // Where the row that sees the point is exposed, the camera is somewhere else than at the middle one.
+  bool project(const Vector3d& point_W, const Transform& T_CW, const CameraPath& path,
+               Vector2d* pixel) const {
+    const double readout_time = camera_.intrinsics().readout_time;
+    bool seen = camera_.project(T_CW * point_W, pixel);
+    for (int i = 0; seen && readout_time > 0.0 && i < kRowIterations; ++i) {
+      const double delay = readout_time * (pixel->y() / camera_.height() - 0.5);
+      seen = camera_.project(path(delay).inverse() * point_W, pixel);
+    }
+    return seen;
+  }
+
+  void replenish(const CameraPath& path, FeatureDataset* dataset) {
     const int missing = options_.max_tracks - static_cast<int>(tracks_.size());
     const double border = options_.image_border + 2.0;
     for (int i = 0, added = 0; i < missing * kAttemptsPerTrack && added < missing; ++i) {
@@ -102,12 +120,13 @@ class TrackSimulator {
       const bool crowded = std::any_of(tracks_.begin(), tracks_.end(), [&](const Track& track) {
         return (track.pixel - pixel).norm() < options_.min_track_distance;
       });
-      if (crowded || !addTrack(pixel, share, T_WC, dataset)) continue;
+      if (crowded || !addTrack(pixel, share, path, dataset)) continue;
       ++added;
     }
   }
 
-  bool addTrack(const Vector2d& pixel, double share, const Transform& T_WC, FeatureDataset* dataset) {
+  bool addTrack(const Vector2d& pixel, double share, const CameraPath& path, FeatureDataset* dataset) {
+    const Transform T_WC = path(0.0);
     const std::optional<Vector2d> normalized = camera_.undistort(pixel);
     if (!normalized) return false;
     const Vector3d ray_C(normalized->x(), normalized->y(), 1.0);
@@ -119,7 +138,7 @@ class TrackSimulator {
     Track track{next_id_++, T_WC.translation + depth * ray_W, pixel, TrackDrift(&random_),
                 outlier ? velocity : Vector2d::Zero()};
     // The exact projection, not the drawn pixel: undistortion leaves a residue.
-    if (!camera_.project(T_WC.inverse() * track.point_W, &track.pixel)) return false;
+    if (!project(track.point_W, T_WC.inverse(), path, &track.pixel)) return false;
     dataset->landmarks_W[track.id] = track.point_W;
     if (outlier) dataset->outliers.insert(track.id);
     tracks_.push_back(track);
@@ -236,12 +255,13 @@ FeatureDataset simulateFeatures(const FeatureSimulationOptions& options) {
   const std::vector<ImuBias> biases = simulateImu(options, *trajectory, &dataset);
   TrackSimulator tracks(options, dataset.rig, positionBounds(*trajectory));
   const TimeNs td = fromSeconds(dataset.rig.td), bump = trajectory->begin() + fromSeconds(options.bump_time);
+  const TimeNs half_readout = fromSeconds(0.5 * dataset.rig.rig.camera->readout_time);
   for (std::int64_t i = 0;; ++i) {
     TruthSample truth;
     truth.stamp = trajectory->begin() + fromSeconds(static_cast<double>(i) / options.image_rate);
     truth.stamp_imu = truth.stamp + td;
-    if (truth.stamp_imu > trajectory->end()) break;
-    if (truth.stamp_imu < trajectory->begin()) continue;
+    if (truth.stamp_imu + half_readout > trajectory->end()) break;
+    if (truth.stamp_imu - half_readout < trajectory->begin()) continue;
     const RigMotion motion = trajectory->at(truth.stamp_imu);
     truth.T_WB = motion.T_WB;
     truth.velocity_W = motion.velocity_W;
@@ -249,7 +269,10 @@ FeatureDataset simulateFeatures(const FeatureSimulationOptions& options) {
     truth.bias = biasAt(dataset.imu, biases, truth.stamp_imu);
     truth.T_imu_cam = bumped(dataset.rig.T_imu_cam, options, toSeconds(truth.stamp_imu - bump));
     truth.td = dataset.rig.td;
-    dataset.frames.push_back(tracks.observe(truth.stamp, motion.T_WB * truth.T_imu_cam, &dataset));
+    const CameraPath path = [&](double after) {
+      return trajectory->at(truth.stamp_imu + fromSeconds(after)).T_WB * truth.T_imu_cam;
+    };
+    dataset.frames.push_back(tracks.observe(truth.stamp, path, &dataset));
     dataset.truth.push_back(truth);
   }
   return dataset;

@@ -25,6 +25,7 @@ KalibrCamchain exampleCamchain() {
   camchain.camera.width = 512;
   camchain.camera.height = 512;
   camchain.camera.sigma_principal_point = 1.25;
+  camchain.camera.readout_time = 0.015;
   camchain.image_topic = "/it's/image";
   camchain.T_imu_cam =
       Transform(expSo3(Eigen::Vector3d(0.4, -1.2, 2.1)), Eigen::Vector3d(0.05, -0.07, 1.0 / 3.0));
@@ -72,6 +73,7 @@ TEST(KalibrYaml, RoundTrip) {
   EXPECT_EQ(rig.camera->distortion_model, DistortionModel::kEquidistant);
   EXPECT_EQ(rig.camera->width, 512);
   EXPECT_EQ(rig.camera->sigma_principal_point, 1.25);
+  EXPECT_EQ(rig.camera->readout_time, 0.015);
   EXPECT_EQ(rig.image_topic, "/it's/image");
   ASSERT_TRUE(rig.extrinsics_prior);
   const Transform difference = rig.extrinsics_prior->T_imu_cam.inverse() * *camchain.T_imu_cam;

@@ -164,6 +164,12 @@ TEST(RigFile, AccuracyOfThePrincipalPointIsReadAndChecked) {
     EXPECT_TRUE(anyContains(problemsOf(rigWith("  sigma_principal_point: " + std::string(bad) + "\n")),
                             "sigma_principal_point"))
         << bad;
+  EXPECT_EQ(loadRigFile(rigWith("")).camera->readout_time, 0.0);
+  EXPECT_EQ(loadRigFile(rigWith("  readout_time: 0.02\n")).camera->readout_time, 0.02);
+  for (const char* bad : {"-0.01", "0.2", ".nan", "soon"})
+    EXPECT_TRUE(
+        anyContains(problemsOf(rigWith("  readout_time: " + std::string(bad) + "\n")), "readout_time"))
+        << bad;
 }
 
 TEST(RigFile, ListsEverythingWrongAtOnce) {

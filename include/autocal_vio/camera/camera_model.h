@@ -23,6 +23,8 @@ struct CameraIntrinsics {
   /// How well the principal point is known [px]. An error of it turns the camera much as a wrong R_BC
   /// would: the published sigma of R_BC has to hold it.
   double sigma_principal_point = 0.5;
+  /// Of a rolling shutter, from the first row to the last; stamps are the middle row's [s]; 0: a global one.
+  double readout_time = 0.0;
 
   /// Everything that is wrong with the values, one sentence each; empty when usable.
   std::vector<std::string> validate() const;
