@@ -59,6 +59,12 @@ void BumpDetector::learn(const Step& step) {
   scatter_ += (shrink * shrink * step * step.transpose() - scatter_) / weight_;
 }
 
+ExtrinsicsPrior withinABump(ExtrinsicsPrior known) {
+  known.sigma_rotation = std::max(known.sigma_rotation, kBumpRotation);
+  known.sigma_translation = std::max(known.sigma_translation, kBumpTranslation);
+  return known;
+}
+
 BumpDetector::Mount BumpDetector::look(const VisualInertialGraph& graph, double interval, bool standing) {
   if (weight_ < kFirstWeight) {
     scatter_ = diagonalOf(kFirstTranslation, kFirstRotation);

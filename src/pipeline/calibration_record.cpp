@@ -28,12 +28,8 @@ Matrix6d whiteCovariance(const GraphCovariance& covariance) {
   return result;
 }
 
-// What it says is still true to within a bump.
-CalibrationKnowledge widened(CalibrationKnowledge knowledge) {
-  ExtrinsicsPrior& extrinsics = knowledge.extrinsics;
-  extrinsics.sigma_rotation = std::hypot(extrinsics.sigma_rotation, kBumpRotation);
-  extrinsics.sigma_translation = std::hypot(extrinsics.sigma_translation, kBumpTranslation);
-  return knowledge;
+CalibrationKnowledge withinABump(const CalibrationKnowledge& known) {
+  return {withinABump(known.extrinsics), known.time_offset};
 }
 
 }  // namespace
@@ -107,7 +103,7 @@ void CalibrationRecord::remember(const SlidingWindowEstimator& estimator) {
 
 std::optional<CalibrationKnowledge> CalibrationRecord::knowledge(CalibrationTrust trust) const {
   if (trust == CalibrationTrust::kAll) return current_;
-  return trust == CalibrationTrust::kWithinABump && converged_ ? widened(*converged_) : converged_;
+  return trust == CalibrationTrust::kWithinABump && converged_ ? withinABump(*converged_) : converged_;
 }
 
 void CalibrationRecord::forgetSteps() {
@@ -116,7 +112,7 @@ void CalibrationRecord::forgetSteps() {
 
 void CalibrationRecord::noteMovedMount() {
   mount_moved_ = true;
-  if (converged_) converged_ = widened(*converged_);
+  if (converged_) converged_ = withinABump(*converged_);
   monitor_.reset();
   forgetSteps();
 }

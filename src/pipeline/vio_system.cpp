@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "autocal_vio/common/stage_clock.h"
+#include "autocal_vio/estimator/bump_detector.h"
 #include "autocal_vio/frontend/feature_tracker.h"
 #include "autocal_vio/frontend/rolling_shutter.h"
 #include "autocal_vio/imu/imu_plausibility.h"
@@ -110,6 +111,7 @@ class VioSystem::Impl {
     last_processed_.reset();
     ages_.clear();
     lost_because_.clear();
+    update_ = VioUpdate();
     startSession(rig, session_->lastPose());
   }
 
@@ -175,10 +177,7 @@ class VioSystem::Impl {
     last_processed_ = pending.stamp;
     const bool sound = session_->process(frame, sync_.imu(), &update_);
     if (const std::set<std::int64_t>* wandering = session_->wanderingTracks()) tracker_.drop(*wandering);
-    if (session_->priorContradicted() && !options_.fix_extrinsics) {
-      rig_.extrinsics_prior.reset();
-      session_rig_.extrinsics_prior.reset();
-    }
+    if (!options_.fix_extrinsics) doubtPriors();
     if (!sound) {
       ++counters_.resets;
       const RigModel rig = rigWithCalibration();
@@ -195,6 +194,17 @@ class VioSystem::Impl {
     ++counters_.images_processed;
     update_.counters = counters_;
     sink_(update_);
+  }
+
+  // What the data have contradicted must not come back with the next session.
+  void doubtPriors() {
+    for (RigModel* rig : {&rig_, &session_rig_}) {
+      if (!rig->extrinsics_prior) continue;
+      if (session_->priorContradicted())
+        rig->extrinsics_prior.reset();
+      else if (session_->mountMayHaveMoved())
+        rig->extrinsics_prior = withinABump(*rig->extrinsics_prior);
+    }
   }
 
   FeatureFrame track(const PendingFrame& pending) {

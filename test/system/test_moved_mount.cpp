@@ -182,6 +182,27 @@ TEST(MovedMount, HeldExtrinsicsStayUntilReleased) {
   }
 }
 
+// A reset goes back to what was given, which the bump has made wrong: as a prior it says little from then on.
+TEST(MovedMount, WhatWasGivenBeforehandIsDoubtedToo) {
+  const Bump bump{8.0, 4.0, 0.03, 0.0};
+  const Stream stream = bumpedStream(FeatureSimulationOptions::euroc(4), bump, 24.0);
+  RigModel rig = calibratedRig(stream.data());
+  rig.extrinsics_prior->sigma_rotation = 0.002;
+  rig.extrinsics_prior->sigma_translation = 0.002;
+  const auto reset = [done = false](double time, VioSystem* system) mutable {
+    if (!done && time > 10.0) system->reset(false), done = true;
+  };
+  const FaultRun run = runStream(stream, rig, VioOptions(), reset);
+  EXPECT_TRUE(saysMoved(run.before(9.0)));
+  for (const FaultRecord& r : run.between(10.0, 24.0)) {
+    EXPECT_EQ(r.update.reason.find("WRONG"), std::string::npos) << r.update.reason;
+    EXPECT_TRUE(r.update.state != VioState::kConverged || errorInSigmas(r) < 4.0) << r.time;
+  }
+  printStates(run);
+  EXPECT_LT(rotationErrorNow(run.last()), 0.1);
+  EXPECT_LT(translationErrorNow(run.last()), 0.01);
+}
+
 struct Noise {
   const char* name;
   bool realistic;

@@ -10,6 +10,8 @@ FaultRun runWithReset(const Stream& stream, bool keep_calibration) {
   const auto script = [keep_calibration, done = false](double time, VioSystem* system) mutable {
     if (done || time <= kResetTime) return;
     system->reset(keep_calibration);
+    EXPECT_EQ(system->lastUpdate().state, VioState::kWaitingForData);
+    EXPECT_FALSE(system->lastUpdate().odometry);
     done = true;
   };
   return runStream(stream, stream.data().rig.rig, VioOptions(), script);

@@ -11,12 +11,16 @@
 
 #include "autocal_vio/estimator/extrinsics_fit.h"
 #include "autocal_vio/graph/visual_inertial_graph.h"
+#include "autocal_vio/rig/rig_model.h"
 
 namespace autocal_vio {
 
 /// Sigmas of how far a mount moves.
 constexpr double kBumpRotation = 0.1;      // [rad]
 constexpr double kBumpTranslation = 0.05;  // [m]
+
+/// What was known before the camera may have moved on its mount: it is true to within a bump.
+ExtrinsicsPrior withinABump(ExtrinsicsPrior known);
 
 class BumpDetector {
  public:

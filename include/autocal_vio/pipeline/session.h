@@ -39,6 +39,10 @@ class Session {
   std::optional<CalibrationKnowledge> knowledge() const { return record_.knowledge(calibration_trust_); }
   /// True once the data have contradicted the extrinsics given to this session.
   bool priorContradicted() const { return !prior_problem_.empty() && !hold_rotation_ && !hold_translation_; }
+  /// True where the camera has moved on its mount, or the data say that it may have: what was known holds to within a bump.
+  bool mountMayHaveMoved() const {
+    return record_.mountMoved() || calibration_trust_ == CalibrationTrust::kWithinABump;
+  }
   /// Tracks that the estimate has found to slide off their point; null before there is one.
   const std::set<std::int64_t>* wanderingTracks() const {
     return estimator_ ? &estimator_->graph().landmarkMap().wanderingTracks() : nullptr;

@@ -63,7 +63,7 @@ class VioSystem {
 
   const CameraModel& camera() const;
 
-  /// The state as of the last update.
+  /// The state as of the last update; that of a new system after reset().
   const VioUpdate& lastUpdate() const;
 
   /// The counters as of now: also what came after the last update.
