@@ -140,6 +140,7 @@ void CalibratingInitializer::addKeyframe(const FeatureFrame& frame, const ImuBuf
        countCommonTracks(keyframes_.back(), frame) < kFewestCommonTracks);
   if (broken) {
     keyframes_.clear();
+    first_solution_.reset();
     outdateAttempt();
   }
   if (frame.features.size() < kFewestCommonTracks) return;
@@ -182,6 +183,14 @@ bool CalibratingInitializer::attemptDue(const FeatureFrame& frame) const {
          toSeconds(frame.stamp - last_attempt_) >= attempt_pause_ - 1e-3;
 }
 
+// With known extrinsics the user waits for the odometry alone, and its scale goes on improving in the window. So it does
+// where the motion is too gentle for the IMU's noise: the keyframes are only the newest ones, and waiting tells no more.
+double CalibratingInitializer::maxSigmaScale() const {
+  const bool waited =
+      first_solution_ && toSeconds(last_attempt_ - *first_solution_) >= options_.scale_patience;
+  return prior_ || waited ? options_.relaxed_max_sigma_scale : options_.max_sigma_scale;
+}
+
 AttemptInput CalibratingInitializer::attemptInput(const ImuBuffer& imu) const {
   AttemptInput input{{},
                      imu,
@@ -194,7 +203,7 @@ AttemptInput CalibratingInitializer::attemptInput(const ImuBuffer& imu) const {
                      hold_rotation_,
                      hold_translation_,
                      held_td_.has_value(),
-                     options_,
+                     maxSigmaScale(),
                      graph_options_};
   for (const FeatureFrame& keyframe : keyframes_)
     if (imu.covers(keyframe.stamp + fromSeconds(input.td))) input.keyframes.push_back(keyframe);
@@ -228,6 +237,7 @@ std::optional<InitializedProblem> CalibratingInitializer::followAttempt(const Fe
 
 void CalibratingInitializer::conclude(const InitializationAttempt& attempt) {
   static_cast<AttemptFindings&>(status_) = attempt.findings();
+  if (attempt.solved() && !first_solution_) first_solution_ = last_attempt_;
   attempt_pause_ = options_.attempt_interval * attempt.patience();
 }
 

@@ -199,15 +199,13 @@ bool InitializationAttempt::judge(const InitializedProblem& problem) {
   const double rms = fittedPixelError(problem.graph, &observations);
   const NoiseFactors& factors = problem.noise.factors();
   const double bias = problem.graph.frames().back().bias().accelerometer.norm();
-  // With known extrinsics the user waits for the odometry alone, and its scale goes on improving in the window.
-  const double max_sigma_scale =
-      input_.prior ? input_.options.max_sigma_scale_with_prior : input_.options.max_sigma_scale;
+  solved_ = true;
   std::ostringstream why;
-  if (!(sigma_scale < max_sigma_scale)) {
+  if (!(sigma_scale < input_.max_sigma_scale)) {
     // The further away, the longer it takes to get there; a batch is the dearest step of all.
-    patience_ = std::clamp(sigma_scale / max_sigma_scale, 1.0, kMostPatience);
-    why << "scale is known to " << 100.0 * sigma_scale << " % (sigma), needs " << 100.0 * max_sigma_scale
-        << " %";
+    patience_ = std::clamp(sigma_scale / input_.max_sigma_scale, 1.0, kMostPatience);
+    why << "scale is known to " << 100.0 * sigma_scale << " % (sigma), needs "
+        << 100.0 * input_.max_sigma_scale << " %";
   } else if (!(rms < kLargestPixelRms)) {
     why << "images and IMU do not fit together yet: reprojection error " << rms << " px";
   } else if (factors.accelerometer >= kLargestNoiseFactor || factors.gyroscope >= kLargestGyroNoiseFactor) {

@@ -81,6 +81,7 @@ class CalibratingInitializer {
   bool isKeyframe(const FeatureFrame& frame) const;
   void addKeyframe(const FeatureFrame& frame, const ImuBuffer& imu);
   bool attemptDue(const FeatureFrame& frame) const;
+  double maxSigmaScale() const;
   AttemptInput attemptInput(const ImuBuffer& imu) const;
   std::optional<InitializedProblem> startAttempt(AttemptInput input);
   std::optional<InitializedProblem> followAttempt(const FeatureFrame& frame);
@@ -101,6 +102,8 @@ class CalibratingInitializer {
   std::string prior_problem_;
   TimeNs last_attempt_ = 0;
   double attempt_pause_ = 0.0;  ///< before the next attempt [s]
+  std::optional<TimeNs>
+      first_solution_;  ///< when the first of the attempts began that came as far as a batch
   InitializerStatus status_;
   std::optional<RunningAttempt> running_;
   double background_ms_ = 0.0;

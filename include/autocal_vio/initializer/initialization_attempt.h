@@ -35,7 +35,7 @@ struct AttemptInput {
   std::optional<ExtrinsicsPrior> prior;
   TimeOffsetPrior time_offset_prior;
   bool hold_rotation, hold_translation, hold_td;
-  InitializerOptions options;
+  double max_sigma_scale;  ///< of a solution that is accepted [-]
   GraphOptions graph_options;
 };
 
@@ -66,6 +66,9 @@ class InitializationAttempt {
   /// How much longer than usual to wait for the next attempt [1, 2]: it will not do before.
   double patience() const { return patience_; }
 
+  /// True where a batch was solved: what was wanting, if anything, is information.
+  bool solved() const { return solved_; }
+
   /// CPU time of run() [ms].
   double cpuMs() const { return cpu_ms_; }
 
@@ -83,6 +86,7 @@ class InitializationAttempt {
   AttemptInput input_;
   AttemptFindings findings_;
   double patience_ = 1.0;
+  bool solved_ = false;
   double cpu_ms_ = 0.0;
   std::vector<Preintegration> preintegrations_;  ///< between the keyframes
   StructureResult structure_;

@@ -8,7 +8,8 @@ struct InitializerOptions {
   int min_keyframes = 8;
   double attempt_interval = 0.5;
   double max_sigma_scale = 0.03;
-  double max_sigma_scale_with_prior = 0.06;
+  double relaxed_max_sigma_scale = 0.06;
+  double scale_patience = 4.0;
   bool in_background =
       false;  ///< attempts run beside the images that come; results depend on its speed (no file key)
 
@@ -20,8 +21,10 @@ struct InitializerOptions {
     visit("attempt_interval", attempt_interval, 0.05, 10, "time between attempts [s]");
     visit("max_sigma_scale", max_sigma_scale, 0.001, 0.5,
           "odometry starts below this relative sigma of the scale [-]");
-    visit("max_sigma_scale_with_prior", max_sigma_scale_with_prior, 0.001, 0.5,
-          "the same where the extrinsics were given, or kept from before [-]");
+    visit("relaxed_max_sigma_scale", relaxed_max_sigma_scale, 0.001, 0.5,
+          "the same where the extrinsics were given, or kept from before, or after scale_patience [-]");
+    visit("scale_patience", scale_patience, 0, 1e6,
+          "waits so long for max_sigma_scale after the first batch [s]");
   }
 };
 
