@@ -24,10 +24,11 @@ FeatureDataset simulate(const FeatureSimulationOptions& base, double seconds,
 }
 
 CalibratingInitializer makeInitializer(const FeatureDataset& data,
-                                       const std::optional<ExtrinsicsPrior>& prior = std::nullopt) {
+                                       const std::optional<ExtrinsicsPrior>& prior = std::nullopt,
+                                       const InitializerOptions& options = {}) {
   const CameraModel camera(*data.rig.rig.camera);
   return CalibratingInitializer(camera.focalLength(), data.rig.rig.imu_noise, prior, TimeOffsetPrior(),
-                                InitializerOptions(), RotationCalibratorOptions(), GraphOptions());
+                                options, RotationCalibratorOptions(), GraphOptions());
 }
 
 struct Result {
@@ -169,6 +170,26 @@ TEST(CalibratingInitializer, AGivenPriorStartsEarlierThanNone) {
   const Result nothing = run(data, &from_nothing), prior = run(data, &from_prior);
   ASSERT_TRUE(nothing.problem && prior.problem);
   EXPECT_LE(prior.seconds, nothing.seconds);
+}
+
+// Where the noise keeps the scale from ever being known as well as wished, the odometry begins all the same.
+TEST(CalibratingInitializer, AScaleThatStaysUnsureIsWaitedForNoLongerThanThePatience) {
+  const FeatureDataset data = simulate(FeatureSimulationOptions::euroc(6), 11.0);
+  InitializerOptions options;
+  CalibratingInitializer usual = makeInitializer(data, std::nullopt, options);
+  const Result at_once = run(data, &usual);
+  ASSERT_TRUE(at_once.problem) << usual.status().reason;
+  options.relaxed_max_sigma_scale = options.max_sigma_scale;
+  options.max_sigma_scale = 0.001;
+  CalibratingInitializer patient = makeInitializer(data, std::nullopt, options);
+  const Result late = run(data, &patient);
+  ASSERT_TRUE(late.problem) << patient.status().reason;
+  EXPECT_GE(late.seconds, options.scale_patience);
+  EXPECT_LE(late.seconds, at_once.seconds + options.scale_patience + 2.0 * options.attempt_interval + 0.2);
+  options.scale_patience = 1e6;
+  CalibratingInitializer stubborn = makeInitializer(data, std::nullopt, options);
+  EXPECT_FALSE(run(data, &stubborn).problem);
+  EXPECT_TRUE(contains(stubborn.status().reason, "needs 0.1 %")) << stubborn.status().reason;
 }
 
 }  // namespace
