@@ -13,10 +13,36 @@ constexpr double kBorder = 4.0;                // [px] a patch nearer to the edg
 constexpr std::size_t kMinForOutliers = 12;    // tracks for a two-view geometry
 constexpr float kLargestMagnification = 2.0F;  // of a reference, or its inverse
 constexpr double kMinEigenvalue = 1e-4;        // of the patch's gradient matrix: below it is no texture
+constexpr double kSameExposure = 1.1;          // ratio of brightness that the flow does not mind
+constexpr double kLargestExposure = 4.0;       // that of an exposure: the lens is covered, or a lamp goes on
+constexpr int kExposurePatch = 9;              // [px]
 const cv::TermCriteria kTermination(cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 30, 0.01);
 
 cv::Point2f toCv(const Eigen::Vector2d& v) {
   return {static_cast<float>(v.x()), static_cast<float>(v.y())};
+}
+
+// Mean brightness around a pixel [gray levels], at least 1; nothing at the edge.
+std::optional<double> brightness(const cv::Mat& image, const cv::Point2f& pixel) {
+  const cv::Rect patch(cvRound(pixel.x) - kExposurePatch / 2, cvRound(pixel.y) - kExposurePatch / 2,
+                       kExposurePatch, kExposurePatch);
+  if ((patch & cv::Rect(cv::Point(), image.size())) != patch) return std::nullopt;
+  return std::max(1.0, cv::mean(image(patch))[0]);
+}
+
+// How many times as bright the points were in the image before, in the median: 1 where the exposure is the same.
+double exposureBefore(const cv::Mat& image_before, const std::vector<cv::Point2f>& before,
+                      const cv::Mat& image, const std::vector<cv::Point2f>& predicted) {
+  std::vector<double> ratios;
+  for (std::size_t i = 0; i < before.size(); ++i) {
+    const std::optional<double> then = brightness(image_before, before[i]),
+                                now = brightness(image, predicted[i]);
+    if (then && now) ratios.push_back(*then / *now);
+  }
+  if (ratios.empty()) return 1.0;
+  std::nth_element(ratios.begin(), ratios.begin() + static_cast<std::ptrdiff_t>(ratios.size() / 2),
+                   ratios.end());
+  return ratios[ratios.size() / 2];
 }
 
 }  // namespace
@@ -39,9 +65,7 @@ void FeatureTracker::reset() {
 
 FeatureFrame FeatureTracker::track(TimeNs stamp, const cv::Mat& image,
                                    const std::optional<Eigen::Matrix3d>& R_previous_current) {
-  std::vector<cv::Mat> pyramid;
-  const cv::Size patch(options_.patch_size, options_.patch_size);
-  cv::buildOpticalFlowPyramid(image, pyramid, patch, options_.pyramid_levels);
+  std::vector<cv::Mat> pyramid = pyramidOf(image);
   if (!pyramid_.empty() && !tracks_.empty()) trackForward(image, pyramid, R_previous_current);
   addCorners(image);
   pyramid_ = std::move(pyramid);
@@ -50,6 +74,13 @@ FeatureFrame FeatureTracker::track(TimeNs stamp, const cv::Mat& image,
   frame.stamp = stamp;
   for (const Track& track : tracks_) frame.features.push_back(track.feature);
   return frame;
+}
+
+std::vector<cv::Mat> FeatureTracker::pyramidOf(const cv::Mat& image) const {
+  std::vector<cv::Mat> pyramid;
+  const cv::Size patch(options_.patch_size, options_.patch_size);
+  cv::buildOpticalFlowPyramid(image, pyramid, patch, options_.pyramid_levels);
+  return pyramid;
 }
 
 std::vector<cv::Point2f> FeatureTracker::predict(
@@ -68,10 +99,18 @@ std::vector<cv::Point2f> FeatureTracker::predict(
   return predicted;
 }
 
-void FeatureTracker::trackForward(const cv::Mat& image, const std::vector<cv::Mat>& pyramid,
+void FeatureTracker::trackForward(const cv::Mat& image, std::vector<cv::Mat> pyramid,
                                   const std::optional<Eigen::Matrix3d>& R_previous_current) {
   std::vector<cv::Point2f> before, after = predict(R_previous_current);
   for (const Track& track : tracks_) before.push_back(track.pixel);
+  // The flow takes a point to be as bright in both images. (The reference patches do not.)
+  const double exposure = exposureBefore(pyramid_.front(), before, image, after);
+  const double change = std::max(exposure, 1.0 / exposure);
+  if (change > kSameExposure && change < kLargestExposure) {
+    cv::Mat matched;
+    image.convertTo(matched, -1, exposure);
+    pyramid = pyramidOf(matched);
+  }
   std::vector<uchar> good;
   const cv::Size patch(options_.patch_size, options_.patch_size);
   cv::calcOpticalFlowPyrLK(pyramid_, pyramid, before, after, good, cv::noArray(), patch,

@@ -269,6 +269,24 @@ TEST_F(FeatureTrackerTest, SensorNoiseGivesFewCornersAndNoTracks) {
   }
 }
 
+TEST_F(FeatureTrackerTest, TracksOutliveAChangeOfTheExposure) {
+  for (const double gain : {0.4, 0.7, 1.3, 1.8}) {
+    FeatureTracker tracker = makeTracker();
+    for (int i = 0; i < 4; ++i)
+      tracker.track(i * kInterval, 0.6 * render(cameraPose(8.0 + 0.05 * i)), std::nullopt);
+    const FeatureFrame before = tracker.track(4 * kInterval, 0.6 * render(cameraPose(8.2)), std::nullopt);
+    const FeatureFrame after =
+        tracker.track(5 * kInterval, 0.6 * gain * render(cameraPose(8.25)), std::nullopt);
+    FeatureTracker same = makeTracker();
+    for (int i = 0; i < 5; ++i)
+      same.track(i * kInterval, 0.6 * render(cameraPose(8.0 + 0.05 * i)), std::nullopt);
+    const FeatureFrame usual = same.track(5 * kInterval, 0.6 * render(cameraPose(8.25)), std::nullopt);
+    std::printf("  brightness times %.1f: %.2f of the tracks are kept, %.2f without a change\n", gain,
+                kept(before, after), kept(before, usual));
+    EXPECT_GT(kept(before, after), kept(before, usual) - 0.05) << gain;
+  }
+}
+
 TEST_F(FeatureTrackerTest, DarknessLosesTheTracksAndLightBringsNewOnes) {
   const cv::Mat image = render(cameraPose(12.0)), black(480, 752, CV_8UC1, cv::Scalar(0));
   FeatureTracker tracker = makeTracker();

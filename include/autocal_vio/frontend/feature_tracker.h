@@ -43,7 +43,8 @@ class FeatureTracker {
   };
 
   std::vector<cv::Point2f> predict(const std::optional<Eigen::Matrix3d>& R_previous_current) const;
-  void trackForward(const cv::Mat& image, const std::vector<cv::Mat>& pyramid,
+  std::vector<cv::Mat> pyramidOf(const cv::Mat& image) const;
+  void trackForward(const cv::Mat& image, std::vector<cv::Mat> pyramid,
                     const std::optional<Eigen::Matrix3d>& R_previous_current);
   bool tieToReference(const cv::Mat& image, Track* track, cv::Point2f* pixel) const;
   void flowBack(const std::vector<cv::Mat>& pyramid, const std::vector<cv::Point2f>& before,
