@@ -13,7 +13,7 @@ constexpr double kBorder = 4.0;                // [px] a patch nearer to the edg
 constexpr std::size_t kMinForOutliers = 12;    // tracks for a two-view geometry
 constexpr float kLargestMagnification = 2.0F;  // of a reference, or its inverse
 constexpr double kMinEigenvalue = 1e-4;        // of the patch's gradient matrix: below it is no texture
-constexpr double kSameExposure = 1.1;          // ratio of brightness that the flow does not mind
+constexpr double kSameExposure = 1.2;          // ratio of brightness that the flow does not mind
 constexpr double kLargestExposure = 4.0;       // that of an exposure: the lens is covered, or a lamp goes on
 constexpr int kExposurePatch = 9;              // [px]
 const cv::TermCriteria kTermination(cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 30, 0.01);
