@@ -79,6 +79,11 @@ double CalibratingInitializer::td() const {
   return status_.rotation_known && status_.rotation.accepted ? status_.rotation.td : time_offset_prior_.td;
 }
 
+double CalibratingInitializer::sigmaTd() const {
+  const bool estimated = !held_td_ && status_.rotation_known && status_.rotation.accepted;
+  return estimated ? status_.rotation.sigma_td : time_offset_prior_.sigma_td;
+}
+
 std::optional<Eigen::Quaterniond> CalibratingInitializer::rotation() const {
   if (status_.rotation.accepted && !hold_rotation_) return status_.rotation.R_BC;
   if (prior_) return prior_->T_imu_cam.rotation;

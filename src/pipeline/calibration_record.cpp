@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "autocal_vio/estimator/without_prior.h"
+
 namespace autocal_vio {
 namespace {
 
@@ -28,6 +30,13 @@ Matrix6d whiteCovariance(const GraphCovariance& covariance) {
   return result;
 }
 
+// The prior's sigmas, order [p_BC, theta].
+Vector6d priorSigmas(const CalibrationPrior& prior) {
+  Vector6d sigma;
+  sigma << prior.sigma_translation, prior.sigma_rotation;
+  return sigma;
+}
+
 CalibrationKnowledge withinABump(const CalibrationKnowledge& known) {
   return {withinABump(known.extrinsics), known.time_offset};
 }
@@ -40,6 +49,7 @@ CalibrationRecord::CalibrationRecord(const RigModel& rig, const VioOptions& opti
       monitor_(options.monitor),
       inflation_(least_inflation_),
       extrinsic_covariance_(Matrix6d::Identity() * kUnknownSigma * kUnknownSigma),
+      data_covariance_(extrinsic_covariance_),
       sigma_td_(rig.time_offset_prior.sigma_td) {
   if (!rig.extrinsics_prior) return;
   extrinsic_covariance_.diagonal().head<3>().setConstant(
@@ -52,6 +62,7 @@ void CalibrationRecord::add(const SlidingWindowEstimator& estimator, bool keyfra
     const GraphCovariance& covariance = *estimator.covariance();
     if (keyframe) inflation_.add(stamp, estimator.graph().calibration().T_BC(), whiteCovariance(covariance));
     inflate(covariance);
+    separate(estimator.graph(), covariance);
   }
   remember(estimator);
 }
@@ -71,12 +82,30 @@ void CalibrationRecord::inflate(const GraphCovariance& covariance) {
   if (td.size()) sigma_td_ = inflation * std::sqrt(std::max(0.0, td(0, 0)));
 }
 
+// A prior that was given may have aged: no calibration is called converged for the sake of its sigmas.
+void CalibrationRecord::separate(const VisualInertialGraph& graph, const GraphCovariance& covariance) {
+  const bool translation = covariance.block(kTranslationKey).size(),
+             rotation = covariance.block(kRotationKey).size();
+  const int first = translation ? 0 : 3, size = (rotation ? 6 : 3) - first;
+  if (size == 0) return;
+  const Vector6d sigma = priorSigmas(graph.calibrationPrior()),
+                 deviation = deviationFrom(graph.calibrationPrior().T_BC, graph.calibration().T_BC());
+  const WithoutPrior data = withoutPrior(whiteCovariance(covariance).block(first, first, size, size),
+                                         deviation.segment(first, size), sigma.segment(first, size));
+  const double variance_factor = std::pow(inflation_.factor(), 2);
+  data_covariance_ = extrinsic_covariance_;
+  data_covariance_.block(first, first, size, size) = variance_factor * data.covariance;
+  if (rotation) data_covariance_.diagonal().tail<3>().array() += rotation_floor_ * rotation_floor_;
+  data_deviation_.setZero();
+  data_deviation_.segment(first, size) = data.deviation;
+}
+
 void CalibrationRecord::judge(const SlidingWindowEstimator& estimator, TimeNs stamp) {
   const CalibrationState& calibration = estimator.graph().calibration();
   CalibrationSample sample;
   sample.stamp = stamp;
   sample.T_BC = calibration.T_BC();
-  sample.covariance = extrinsic_covariance_;
+  sample.covariance = data_covariance_;
   sample.td = calibration.td;
   sample.sigma_td = calibration.td_held ? 0.0 : sigma_td_;
   // Zero says that a part is held, and waits for nothing.

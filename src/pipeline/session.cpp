@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "autocal_vio/common/stage_clock.h"
+#include "autocal_vio/estimator/without_prior.h"
 #include "autocal_vio/geometry/so3.h"
 
 namespace autocal_vio {
@@ -22,7 +23,7 @@ GraphOptions graphOptions(const EstimatorOptions& options) {
 }
 
 constexpr double kUnknownSigma = 1e3;         // published where nothing is known
-constexpr double kContradictionSigmas = 5.0;  // from a prior
+constexpr double kContradictionSigmas = 4.5;  // of three axes, from a prior
 constexpr double kBlindRemark = 0.3;          // [s] without usable images before the reason says so
 
 // An error of the principal point turns the camera about its x and y axes.
@@ -32,9 +33,11 @@ Matrix6d intrinsicsShare(const RigModel& rig, double focal_length) {
   return result;
 }
 
-// An estimate that began at a prior moves from it by less than the prior's sigma, were that true.
-bool contradicts(double distance, double sigma, double prior_sigma) {
-  return distance > kContradictionSigmas * std::max(sigma, prior_sigma);
+// What the data alone say of the three axes from `first` on, against the prior's sigma on each.
+bool contradicts(const Eigen::Matrix<double, 6, 1>& deviation, Matrix6d covariance, int first,
+                 double prior_sigma) {
+  covariance.diagonal().array() += prior_sigma * prior_sigma;
+  return sigmasOff(deviation.segment<3>(first), covariance.block<3, 3>(first, first)) > kContradictionSigmas;
 }
 
 // Rotation about the vertical that brings `from` nearest to `to`; defined for any attitude but one upside down.
@@ -135,19 +138,16 @@ EstimatorResult Session::catchUp(const std::vector<FeatureFrame>& frames, const 
 }
 
 // The estimate may have been started from a wrong prior before the rotation step could tell, and nothing looks at its
-// translation beforehand: the estimate's own data overrule a prior that is far away, and then it has to go, for it
-// still pulls.
+// translation beforehand: the data alone overrule a prior that is far from them, and then it has to go, for it still
+// pulls. Not the estimate: that is held by the prior, and the tighter a wrong one is the nearer the two are.
 void Session::checkPrior() {
   if (!prior_ || !prior_problem_.empty()) return;
-  const Transform T_BC = estimator_->graph().calibration().T_BC();
-  const Eigen::Matrix<double, 6, 1> sigma = record_.extrinsicCovariance().diagonal().cwiseSqrt();
-  const double angle = T_BC.rotation.angularDistance(prior_->T_imu_cam.rotation);
-  const double distance = (T_BC.translation - prior_->T_imu_cam.translation).norm();
-  if (!hold_rotation_ && contradicts(angle, sigma.tail<3>().maxCoeff(), prior_->sigma_rotation)) {
-    prior_problem_ = rotationPriorProblem(angle, prior_->sigma_rotation, false);
-  } else if (!hold_translation_ &&
-             contradicts(distance, sigma.head<3>().maxCoeff(), prior_->sigma_translation)) {
-    prior_problem_ = translationPriorProblem(distance, prior_->sigma_translation);
+  const Eigen::Matrix<double, 6, 1>& deviation = record_.dataDeviation();
+  const Matrix6d covariance = record_.dataCovariance() + intrinsics_share_;
+  if (!hold_rotation_ && contradicts(deviation, covariance, 3, prior_->sigma_rotation)) {
+    prior_problem_ = rotationPriorProblem(deviation.tail<3>().norm(), prior_->sigma_rotation, false);
+  } else if (!hold_translation_ && contradicts(deviation, covariance, 0, prior_->sigma_translation)) {
+    prior_problem_ = translationPriorProblem(deviation.head<3>().norm(), prior_->sigma_translation);
   } else {
     return;
   }
@@ -216,7 +216,7 @@ void Session::fillFromInitializer(VioUpdate* update) const {
       initializer_->sigmaRotation().cwiseMin(kUnknownSigma).cwiseAbs2();
   calibration.covariance += intrinsics_share_;
   calibration.td = initializer_->td();
-  calibration.sigma_td = std::min(rotation.sigma_td, kUnknownSigma);
+  calibration.sigma_td = std::min(initializer_->sigmaTd(), kUnknownSigma);
   calibration.gyroscope_bias = rotation.gyroscope_bias;
   calibration.sigma_gyroscope_bias = rotation.sigma_gyroscope_bias.cwiseMin(kUnknownSigma);
   calibration.accelerometer_bias = status.accelerometer_bias;

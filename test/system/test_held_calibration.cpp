@@ -115,6 +115,9 @@ TEST(HeldCalibration, APriorIsShownWithItsSigmaUntilTheFirstEstimate) {
   const FaultRecord* started = run.firstFrom(0.0, true);
   ASSERT_TRUE(started);
   for (const FaultRecord& r : run.records) {
+    if (r.update.calibration.td == rig.time_offset_prior.td) {
+      EXPECT_EQ(r.update.calibration.sigma_td, rig.time_offset_prior.sigma_td) << r.time;
+    }
     const Transform error = rig.extrinsics_prior->T_imu_cam.inverse() * r.update.calibration.T_imu_cam;
     EXPECT_LT(error.translation.norm(), 0.06) << r.time;
     EXPECT_LT(logSo3(error.rotation).norm(), 1.5 * kRadian) << r.time;
@@ -154,6 +157,28 @@ TEST(HeldCalibration, ATranslationThatTheDataContradictIsDroppedLoudly) {
     for (const FaultRecord& r : run.records) {
       if (r.update.state != VioState::kConverged) continue;
       EXPECT_LT(translationError(r.update, stream.data()), 0.02) << r.time;
+    }
+  }
+}
+
+// What was saved before the mount moved: its sigmas are those of a good calibration, and hold the estimate.
+TEST(HeldCalibration, ATightPriorThatTheDataContradictIsNeverConverged) {
+  const double distances[] = {0.0, 0.03, 0.1, 0.2};
+  for (std::uint64_t seed = 1; seed <= 4; ++seed) {
+    const Stream stream = eurocStream(seed, 25.0);
+    RigModel rig = rigWithPrior(stream.data(), 0.0, distances[seed - 1]);
+    rig.extrinsics_prior->sigma_translation = 0.0025;
+    rig.extrinsics_prior->sigma_rotation = 0.02 * kRadian;
+    const FaultRun run = runStream(stream, rig, VioOptions());
+    printStates(run);
+    const VioUpdate& last = run.last().update;
+    const bool wrong = last.reason.find("their translation is") != std::string::npos;
+    EXPECT_EQ(wrong, seed > 1) << last.reason;
+    EXPECT_EQ(last.state, VioState::kConverged) << last.reason;
+    EXPECT_LT(translationError(last, stream.data()), 0.01);
+    for (const FaultRecord& r : run.records) {
+      if (r.update.state != VioState::kConverged) continue;
+      EXPECT_LT(translationError(r.update, stream.data()), 0.015) << seed << " " << r.time;
     }
   }
 }

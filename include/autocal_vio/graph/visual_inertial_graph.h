@@ -92,6 +92,7 @@ class VisualInertialGraph {
   const LandmarkMap& landmarkMap() const { return landmarks_; }
   CalibrationState& calibration() { return calibration_; }
   const CalibrationState& calibration() const { return calibration_; }
+  const CalibrationPrior& calibrationPrior() const { return calibration_prior_; }
   GraphOptions& options() { return options_; }
   const GraphOptions& optionsView() const { return options_; }
   Eigen::Vector3d gravity_W() const { return Eigen::Vector3d(0, 0, -options_.gravity_magnitude); }

@@ -62,6 +62,8 @@ class CalibratingInitializer {
 
   /// The present guess of the time offset [s].
   double td() const;
+  /// One sigma of td() [s].
+  double sigmaTd() const;
   /// R_BC once known.
   std::optional<Eigen::Quaterniond> rotation() const;
   /// One sigma of rotation(), or of the estimate so far, about the axes of C [rad].

@@ -42,18 +42,23 @@ class CalibrationRecord {
   bool mountMoved() const { return mount_moved_; }  ///< and the calibration has not converged since
   /// Of [p_BC, theta], given the camera's intrinsics; parts that are held keep what they had before [m, rad].
   const Matrix6d& extrinsicCovariance() const { return extrinsic_covariance_; }
+  /// The same, and how far the calibration is off the prior, of the data alone (see WithoutPrior).
+  const Matrix6d& dataCovariance() const { return data_covariance_; }
+  const Eigen::Matrix<double, 6, 1>& dataDeviation() const { return data_deviation_; }
   double sigmaTd() const { return sigma_td_; }                   ///< [s]
   double sigmaInflation() const { return inflation_.factor(); }  ///< sigmas over those of white noise [-]
 
  private:
   void inflate(const GraphCovariance& covariance);
+  void separate(const VisualInertialGraph& graph, const GraphCovariance& covariance);
   void remember(const SlidingWindowEstimator& estimator);
 
   double least_inflation_;
   double rotation_floor_;  ///< sigma of R_BC that measuring longer does not improve [rad]
   ExtrinsicMonitor monitor_;
   SigmaInflation inflation_;
-  Matrix6d extrinsic_covariance_;
+  Matrix6d extrinsic_covariance_, data_covariance_;
+  Eigen::Matrix<double, 6, 1> data_deviation_ = Eigen::Matrix<double, 6, 1>::Zero();
   double sigma_td_;
   std::optional<CalibrationKnowledge> current_,
       converged_;  ///< of the last sound estimate; when last converged

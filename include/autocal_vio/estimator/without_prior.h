@@ -1,0 +1,27 @@
+#pragma once
+
+#include <Eigen/Core>
+
+#include "autocal_vio/geometry/transform.h"
+
+namespace autocal_vio {
+
+/// An estimate without the Gaussian prior it was made with: what the data alone say. Of states whose information the
+/// prior and the data share, x = (L0 + L)^-1 (L0 x0 + L x_data) with the information matrices L0 and L.
+struct WithoutPrior {
+  Eigen::MatrixXd covariance;  ///< L^-1 (n, n); huge along directions of which the data say nothing
+  Eigen::VectorXd deviation;   ///< x_data - x0 (n)
+};
+
+/// `covariance` (n, n): (L0 + L)^-1. `deviation` (n): x - x0. `sigma` (n): the prior's, independent of each other, all
+/// positive.
+WithoutPrior withoutPrior(const Eigen::MatrixXd& covariance, const Eigen::VectorXd& deviation,
+                          const Eigen::VectorXd& sigma);
+
+/// Length of `deviation` in sigmas of `covariance` (Mahalanobis distance) [-].
+double sigmasOff(const Eigen::VectorXd& deviation, const Eigen::MatrixXd& covariance);
+
+/// Of an estimate `T_BC` from a prior, order [p_BC, theta] as in ExtrinsicPriorFactor [m, rad].
+Eigen::Matrix<double, 6, 1> deviationFrom(const Transform& prior, const Transform& T_BC);
+
+}  // namespace autocal_vio

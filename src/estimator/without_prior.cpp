@@ -1,0 +1,47 @@
+#include "autocal_vio/estimator/without_prior.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+
+#include "autocal_vio/geometry/so3.h"
+
+namespace autocal_vio {
+namespace {
+
+// Share of the information along a direction that has to come from the data. Below it, covariance minus prior is
+// rounding. A deviation is divided by the share, and with it what the solver left over: no smaller than a thousandth.
+constexpr double kLeastShare = 1e-9;
+constexpr double kLeastShareOfDeviation = 3e-3;
+
+}  // namespace
+
+WithoutPrior withoutPrior(const Eigen::MatrixXd& covariance, const Eigen::VectorXd& deviation,
+                          const Eigen::VectorXd& sigma) {
+  // In units of the prior's sigmas the eigenvalues of the covariance are 1 - share: one where the data say nothing.
+  const Eigen::VectorXd inverse = sigma.cwiseInverse();
+  const Eigen::MatrixXd whitened = inverse.asDiagonal() * covariance * inverse.asDiagonal();
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(0.5 * (whitened + whitened.transpose()));
+  const Eigen::VectorXd left = solver.eigenvalues().cwiseMax(0.0).cwiseMin(1.0);
+  const Eigen::VectorXd share = Eigen::VectorXd::Ones(left.size()) - left;
+  const Eigen::VectorXd variance = left.cwiseQuotient(share.cwiseMax(kLeastShare));
+  const Eigen::MatrixXd axes = sigma.asDiagonal() * solver.eigenvectors();
+  const Eigen::VectorXd along = solver.eigenvectors().transpose() * inverse.cwiseProduct(deviation);
+  WithoutPrior result;
+  result.covariance = axes * variance.asDiagonal() * axes.transpose();
+  result.deviation = axes * along.cwiseQuotient(share.cwiseMax(kLeastShareOfDeviation));
+  return result;
+}
+
+double sigmasOff(const Eigen::VectorXd& deviation, const Eigen::MatrixXd& covariance) {
+  return std::sqrt(std::max(0.0, deviation.dot(covariance.ldlt().solve(deviation))));
+}
+
+Eigen::Matrix<double, 6, 1> deviationFrom(const Transform& prior, const Transform& T_BC) {
+  Eigen::Matrix<double, 6, 1> result;
+  result << T_BC.translation - prior.translation, logSo3(prior.rotation.conjugate() * T_BC.rotation);
+  return result;
+}
+
+}  // namespace autocal_vio
