@@ -72,11 +72,12 @@ void ExtrinsicMonitor::judge() {
   advice_.clear();
   if (!(sigma_rotation < slack * options_.max_sigma_rotation_deg)) {
     why << "rotation about " << kAxes[worst_rotation] << " of the camera is known to " << sigma_rotation
-        << " deg (sigma), needs " << options_.max_sigma_rotation_deg;
+        << " deg by the motion alone (sigma), needs " << options_.max_sigma_rotation_deg;
     advice_ = std::string("rotate about axes other than the camera's ") + kAxes[worst_rotation];
   } else if (!(sigma_translation < slack * options_.max_sigma_translation)) {
     why << "translation along " << kAxes[worst_translation] << " of the IMU is known to "
-        << 1e3 * sigma_translation << " mm (sigma), needs " << 1e3 * options_.max_sigma_translation;
+        << 1e3 * sigma_translation << " mm by the motion alone (sigma), needs "
+        << 1e3 * options_.max_sigma_translation;
     advice_ =
         std::string("rotate quickly to and fro about axes other than the IMU's ") + kAxes[worst_translation];
   } else if (!(now.sigma_td < slack * options_.max_sigma_td)) {
