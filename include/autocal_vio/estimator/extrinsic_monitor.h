@@ -31,8 +31,8 @@ struct ExtrinsicMonitorOptions {
   }
 };
 
-/// One estimate of the calibration with its covariance, order [p_BC, theta], and time offset. A variance of zero is a
-/// part that is held.
+/// One estimate of the calibration with its covariance, order [p_BC, theta], and time offset. The covariance is that of the
+/// data alone (see WithoutPrior): what was given beforehand is no evidence. A variance of zero is a part that is held.
 struct CalibrationSample {
   TimeNs stamp = 0;
   Transform T_BC;

@@ -42,8 +42,9 @@ class CalibrationRecord {
   bool mountMoved() const { return mount_moved_; }  ///< and the calibration has not converged since
   /// Of [p_BC, theta], given the camera's intrinsics; parts that are held keep what they had before [m, rad].
   const Matrix6d& extrinsicCovariance() const { return extrinsic_covariance_; }
-  /// The same, and how far the calibration is off the prior, of the data alone (see WithoutPrior).
+  /// The same of the data alone, without the prior (see WithoutPrior).
   const Matrix6d& dataCovariance() const { return data_covariance_; }
+  /// From the prior to what the data alone say, [p_BC, theta]; zero for parts that are held [m, rad].
   const Eigen::Matrix<double, 6, 1>& dataDeviation() const { return data_deviation_; }
   double sigmaTd() const { return sigma_td_; }                   ///< [s]
   double sigmaInflation() const { return inflation_.factor(); }  ///< sigmas over those of white noise [-]
