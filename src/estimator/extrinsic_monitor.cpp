@@ -62,6 +62,8 @@ void ExtrinsicMonitor::judge() {
   int worst_translation, worst_rotation;
   const double sigma_translation = sigma.head<3>().maxCoeff(&worst_translation);
   const double sigma_rotation = sigma.tail<3>().maxCoeff(&worst_rotation) * kDegrees;
+  const double pull_translation = now.pull.head<3>().norm();
+  const double pull_rotation = now.pull.tail<3>().norm() * kDegrees;
   for (int i = 0; i < 3; ++i) {
     translation_observable_[i] = sigma(i) < kObservableTranslation;
     rotation_observable_[i] = sigma(3 + i) < kObservableRotation;
@@ -84,6 +86,12 @@ void ExtrinsicMonitor::judge() {
     why << "the time offset is known to " << 1e3 * now.sigma_td << " ms (sigma), needs "
         << 1e3 * options_.max_sigma_td;
     advice_ = "rotate to and fro";
+  } else if (!(pull_rotation < slack * options_.max_sigma_rotation_deg &&
+               pull_translation < slack * options_.max_sigma_translation)) {
+    // A tight prior that is wrong, as long as the motion does not suffice to contradict it.
+    why << "what was given beforehand still holds it " << pull_rotation << " deg and " << 1e3 * pull_translation
+        << " mm from what the motion says";
+    advice_ = "rotate quickly to and fro about all axes";
   } else if (!converged_ && toSeconds(now.stamp - history_.front().stamp) < options_.stable_time) {
     why << "accurate enough, watching whether it stays";
   } else if (!converged_) {

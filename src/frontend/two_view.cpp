@@ -166,6 +166,7 @@ TwoViewResult estimateTwoViewRotation(const std::vector<Eigen::Vector2d>& points
   rotation.parallax_C1 = fit.geometry.parallax_C1;
   rotation.parallax = hasParallax(fit);
   rotation.sigma = fit.noise.sigma;
+  rotation.rotation_by_parallax = rotationByParallax(fit);
   return TwoViewResult{rotation, std::string()};
 }
 

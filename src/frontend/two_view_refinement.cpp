@@ -228,6 +228,7 @@ TwoViewFit refineTwoView(const std::vector<BearingPair>& pairs, const TwoViewGeo
   }
   fit.cost = system.cost;
   fit.information = system.H;
+  fit.shrinkage = system.H_occam;
   return fit;
 }
 
@@ -271,6 +272,15 @@ Matrix3d rotationCovariance(const TwoViewFit& fit) {
   const Vector3d response = covariance.topRightCorner<3, 3>() * along / variance;
   return covariance.topLeftCorner<3, 3>() +
          std::max(0.0, honest - variance) * response * response.transpose();
+}
+
+Matrix3d rotationByParallax(const TwoViewFit& fit) {
+  // A fit (theta, T) to points whose parallax is T0 minimises |(theta, T - T0)|^2_H + |T|^2_shrinkage.
+  const Matrix3d by_parallax = fit.information.topLeftCorner<3, 3>().ldlt().solve(
+      Matrix3d(fit.information.topRightCorner<3, 3>()));
+  const Matrix3d H_T = fit.information.bottomRightCorner<3, 3>() -
+                       fit.information.bottomLeftCorner<3, 3>() * by_parallax;
+  return by_parallax * (H_T + fit.shrinkage).ldlt().solve(fit.shrinkage);
 }
 
 }  // namespace autocal_vio

@@ -26,7 +26,7 @@ std::size_t countCommonTracks(const FeatureFrame& a, const FeatureFrame& b) {
 std::string rotationPriorProblem(double angle, double sigma, bool held) {
   constexpr double kDegrees = 180.0 / 3.14159265358979323846;
   std::ostringstream text;
-  text.precision(2);
+  text.precision(3);
   text << "the extrinsics given beforehand are WRONG: their rotation is " << angle * kDegrees
        << " deg off what images and gyroscope say (sigma given: " << sigma * kDegrees << " deg); they are "
        << (held ? "held all the same" : "not used any more");
@@ -35,7 +35,7 @@ std::string rotationPriorProblem(double angle, double sigma, bool held) {
 
 std::string translationPriorProblem(double distance, double sigma) {
   std::ostringstream text;
-  text.precision(2);
+  text.precision(3);
   text << "the extrinsics given beforehand are WRONG: their translation is " << 100.0 * distance
        << " cm off what images and IMU say (sigma given: " << 100.0 * sigma
        << " cm); they are not used any more";
@@ -244,6 +244,13 @@ void CalibratingInitializer::conclude(const InitializationAttempt& attempt) {
   static_cast<AttemptFindings&>(status_) = attempt.findings();
   if (attempt.solved() && !first_solution_) first_solution_ = last_attempt_;
   attempt_pause_ = options_.attempt_interval * attempt.patience();
+  if (!status_.reason.empty() && prior_ && !status_.rotation.accepted) doubtPrior();
+}
+
+// An attempt may have failed for a rotation given beforehand that the motion can neither confirm nor contradict.
+void CalibratingInitializer::doubtPrior() {
+  status_.reason += "; the rotation given beforehand is not confirmed: " + status_.rotation.reason;
+  if (!status_.rotation.motion_advice.empty()) status_.motion_advice += "; " + status_.rotation.motion_advice;
 }
 
 }  // namespace autocal_vio

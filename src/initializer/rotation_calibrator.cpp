@@ -30,6 +30,8 @@ constexpr double kUnknown = 104.0 * kDegree;  // per axis, of a rotation that ma
 constexpr double kObservable = 2.0;           // times the limit of acceptance
 constexpr int kSolvesPerPriorCheck = 4;
 constexpr double kContradictionSigmas = 5.0;
+constexpr double kMemory = 60.0;        // [s] the bias walks: the older a pair is, the less it says of today's
+constexpr double kOneAxisFactor = 2.0;  // rotation about one axis, over what a second one needs, to know that axis
 
 double largestSigma(const Matrix3d& covariance) {
   return std::sqrt(Eigen::SelfAdjointEigenSolver<Matrix3d>(covariance).eigenvalues()(2));
@@ -174,6 +176,10 @@ void RotationCalibrator::addPair(const FeatureFrame& first, const FeatureFrame& 
   refused_pairs_ = 0;
   pair.R_Ci_Cj = result.rotation->R_C1_C2;
   pair.covariance = options_.correlation_factor * result.rotation->covariance;
+  // Of a position p in the IMU and a velocity v, both in C: p_Ci_Cj = (R_Ci_Cj - I) p + v (t_j - t_i).
+  const Matrix3d& by_parallax = result.rotation->rotation_by_parallax;
+  pair.by_steady_parallax << by_parallax * (pair.R_Ci_Cj.toRotationMatrix() - Matrix3d::Identity()),
+      by_parallax * toSeconds(pair.end - pair.begin);
   pending_.push_back(pair);
 }
 
@@ -203,7 +209,9 @@ void RotationCalibrator::dropLeastInformative() {
   for (const RotationPair& pair : pairs_) {
     const RotationResidual r = rotationResidual(pair, state);
     const Eigen::Matrix<double, 3, 3> J = r.jacobian.leftCols<3>();
-    informations.push_back(J.transpose() * r.covariance.inverse() * J);
+    // A wrong pair that is sure of itself would count as the most informative, and stay while all others go.
+    const double weight = pairWeight(pair, state, estimate_.residual_scale, refinement_);
+    informations.push_back(weight * J.transpose() * r.covariance.inverse() * J);
     sum += informations.back();
   }
   // The part of a pair in what is known: an axis seldom turned about makes its pairs worth keeping.
@@ -212,7 +220,8 @@ void RotationCalibrator::dropLeastInformative() {
   double least_share = std::numeric_limits<double>::infinity();
   const std::size_t newest = pairs_.size() / 5;
   for (std::size_t i = 0; i + newest < pairs_.size(); ++i) {
-    const double share = (inverse * informations[i]).trace();
+    const double age = toSeconds(pairs_.back().end - pairs_[i].end);
+    const double share = std::exp(-age / kMemory) * (inverse * informations[i]).trace();
     if (share < least_share) {
       least_share = share;
       least = i;
@@ -246,25 +255,47 @@ void RotationCalibrator::solve() {
 }
 
 void RotationCalibrator::checkPrior() {
-  const RotationPrior& prior = *refinement_.rotation_prior;
   RotationRefinementOptions without_prior = refinement_;
   without_prior.rotation_prior.reset();
   std::vector<RotationPair> pairs = pairs_;
   const auto solution = calibrateRotation(std::nullopt, true, without_prior, &pairs);
-  if (!solution) return;
-  const Matrix3d covariance = flooredCovariance(*solution);
+  if (!solution || !explainsResiduals(*solution)) return;
   const RotationExcitation excitation = rotationExcitation(pairs, solution->state.gyroscope_bias);
-  const bool determined = excitation.principal(1) >= options_.min_second_axis_deg * kDegree &&
-                          largestSigma(covariance) <= options_.max_sigma_deg * kDegree &&
-                          solution->residual_scale <= options_.max_residual_scale &&
-                          solution->inlier_ratio >= 0.5;
-  if (!determined) return;
-  prior_checked_ = true;
-  const Vector3d off = logSo3((prior.R_BC.conjugate() * solution->state.R_BC).normalized());
+  const double enough = options_.min_second_axis_deg * kDegree, limit = options_.max_sigma_deg * kDegree;
+  const Quaterniond& R_BC = solution->state.R_BC;
+  const Matrix3d covariance = flooredCovariance(*solution);
+  prior_contradiction_.reset();
+  if (excitation.principal(1) >= enough && largestSigma(covariance) <= limit) {
+    prior_checked_ = true;
+    compareWithPrior(R_BC, covariance);
+  } else if (excitation.principal(0) >= kOneAxisFactor * enough) {
+    compareAxisWithPrior(R_BC, covariance, excitation.axes_B.col(0));
+  }
+}
+
+void RotationCalibrator::compareWithPrior(const Quaterniond& R_BC, const Matrix3d& covariance) {
+  const RotationPrior& prior = *refinement_.rotation_prior;
+  const Vector3d off = logSo3((prior.R_BC.conjugate() * R_BC).normalized());
   const Matrix3d expected = covariance + prior.sigma * prior.sigma * Matrix3d::Identity();
   const double sigmas = std::sqrt(off.dot(expected.inverse() * off));
-  prior_contradiction_.reset();
   if (sigmas > kContradictionSigmas) prior_contradiction_ = off.norm();
+}
+
+// Rotation about one axis leaves the turn about it open, but the prior has to map that axis of the camera to that of the
+// IMU.
+void RotationCalibrator::compareAxisWithPrior(const Quaterniond& R_BC, const Matrix3d& covariance,
+                                              const Vector3d& axis_B) {
+  const RotationPrior& prior = *refinement_.rotation_prior;
+  const Matrix3d R = R_BC.toRotationMatrix(), across = Matrix3d::Identity() - axis_B * axis_B.transpose();
+  const double sigma = largestSigma(across * R * covariance * R.transpose() * across);
+  if (!(sigma <= options_.max_sigma_deg * kDegree)) return;
+  const Vector3d prior_axis_B = prior.R_BC * (R_BC.conjugate() * axis_B);
+  const double off = std::atan2(axis_B.cross(prior_axis_B).norm(), axis_B.dot(prior_axis_B));
+  if (off > kContradictionSigmas * std::hypot(sigma, prior.sigma)) prior_contradiction_ = off;
+}
+
+bool RotationCalibrator::explainsResiduals(const RotationCalibration& solution) const {
+  return solution.residual_scale <= options_.max_residual_scale && solution.inlier_ratio >= 0.5;
 }
 
 Matrix3d RotationCalibrator::flooredCovariance(const RotationCalibration& solution) const {
@@ -303,7 +334,7 @@ void RotationCalibrator::judge(const RotationCalibration& solution) {
     e.reason = "too little rotation: standstill or translation only";
   } else if (excitation.principal(1) < enough) {
     e.reason = "rotation about one axis only";
-  } else if (solution.residual_scale > options_.max_residual_scale || solution.inlier_ratio < 0.5) {
+  } else if (!explainsResiduals(solution)) {
     e.reason = withNumber(
         "camera and gyroscope contradict each other: residuals are %.1f times the noise (a gyroscope in "
         "deg/s, axes of "

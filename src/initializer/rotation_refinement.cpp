@@ -18,7 +18,7 @@ constexpr double kTukey = 6.0;         // the same
 constexpr double kMedianChi2 = 2.366;  // median of chi-squared with three degrees of freedom
 
 struct Whitened {
-  Eigen::Matrix<double, 3, 7> jacobian;
+  Eigen::Matrix<double, 3, 13> jacobian;
   Vector3d residual;
 };
 
@@ -67,8 +67,8 @@ double tukeyCost(double norm) {
 }
 
 struct NormalEquations {
-  Matrix7d H = Matrix7d::Zero();
-  Vector7d g = Vector7d::Zero();
+  Matrix13d H = Matrix13d::Zero();
+  Vector13d g = Vector13d::Zero();
 };
 
 // In units of the priors' sigmas; the pairs' part is divided by `scale` squared.
@@ -87,6 +87,12 @@ NormalEquations normalEquations(const std::vector<Whitened>& residuals, const Ro
   const double by_td = 1.0 / (options.sigma_td * options.sigma_td);
   n.H(6, 6) += by_td;
   n.g(6) += by_td * (state.td - options.td);
+  const double by_lever = 1.0 / (options.sigma_lever_parallax * options.sigma_lever_parallax);
+  const double by_rate = 1.0 / (options.sigma_parallax_rate * options.sigma_parallax_rate);
+  n.H.diagonal().segment<3>(7).array() += by_lever;
+  n.g.segment<3>(7) += by_lever * state.steady_parallax.head<3>();
+  n.H.diagonal().tail<3>().array() += by_rate;
+  n.g.tail<3>() += by_rate * state.steady_parallax.tail<3>();
   if (options.rotation_prior) {
     const RotationPrior& prior = *options.rotation_prior;
     const Vector3d r = logSo3((prior.R_BC.conjugate() * state.R_BC).normalized());
@@ -97,12 +103,13 @@ NormalEquations normalEquations(const std::vector<Whitened>& residuals, const Ro
   return n;
 }
 
-RotationState moved(const RotationState& state, const Vector7d& step,
+RotationState moved(const RotationState& state, const Vector13d& step,
                     const RotationRefinementOptions& options) {
   RotationState result;
   result.R_BC = (state.R_BC * expSo3(step.head<3>().eval())).normalized();
   result.gyroscope_bias = state.gyroscope_bias + step.segment<3>(3);
   result.td = std::clamp(state.td + step(6), options.td - options.max_td, options.td + options.max_td);
+  result.steady_parallax = state.steady_parallax + step.tail<6>();
   return result;
 }
 
@@ -120,7 +127,9 @@ void integrateAll(const RotationState& state, const RotationRefinementOptions& o
 }  // namespace
 
 RotationResidual rotationResidual(const RotationPair& pair, const RotationState& state) {
-  const Quaterniond seen = state.R_BC * pair.R_Ci_Cj * state.R_BC.conjugate();
+  const Vector3d mistaken = pair.by_steady_parallax * state.steady_parallax;
+  const Quaterniond R_Ci_Cj = pair.R_Ci_Cj * expSo3((-mistaken).eval());
+  const Quaterniond seen = state.R_BC * R_Ci_Cj * state.R_BC.conjugate();
   const Quaterniond R_Bi_Bj = correctedGyroRotation(pair, state.gyroscope_bias, state.td);
   RotationResidual result;
   result.residual = logSo3((R_Bi_Bj.conjugate() * seen).normalized());
@@ -132,8 +141,16 @@ RotationResidual rotationResidual(const RotationPair& pair, const RotationState&
   result.jacobian.leftCols<3>() = right * (R_Bj_Bi - Matrix3d::Identity()) * R_BC;
   result.jacobian.middleCols<3>(3) = -left * pair.gyro.bias_jacobian;
   result.jacobian.col(6) = -left * (pair.gyro.angular_velocity_j - R_Bj_Bi * pair.gyro.angular_velocity_i);
+  // Exp(-m - d) = Exp(-m) Exp(-Jr(-m) d).
+  result.jacobian.rightCols<6>() =
+      -right * R_BC * rightJacobianSo3((-mistaken).eval()) * pair.by_steady_parallax;
   result.covariance = pair.gyro.covariance + R_BC * pair.covariance * R_BC.transpose();
   return result;
+}
+
+double pairWeight(const RotationPair& pair, const RotationState& state, double residual_scale,
+                  const RotationRefinementOptions& options) {
+  return tukeyWeight(whiten(pair, state, options.sigma_floor).residual.norm() / residual_scale);
 }
 
 std::optional<RotationState> alternateHandEye(const std::vector<RotationPair>& pairs, double t0, double td) {
@@ -169,7 +186,7 @@ std::optional<RotationCalibration> refineRotation(const RotationState& start,
     residuals = whitenAll(*pairs, result.state, options.sigma_floor);
     result.residual_scale = residualScale(residuals);
     n = normalEquations(residuals, result.state, options, result.residual_scale, redescending);
-    const Vector7d step = -n.H.ldlt().solve(n.g);
+    const Vector13d step = -n.H.ldlt().solve(n.g);
     if (!step.allFinite()) return std::nullopt;
     const double length = std::sqrt(step.dot(n.H * step));  // in sigmas
     result.state = moved(result.state, step, options);
@@ -181,7 +198,7 @@ std::optional<RotationCalibration> refineRotation(const RotationState& start,
   residuals = whitenAll(*pairs, result.state, options.sigma_floor);
   result.residual_scale = residualScale(residuals);
   n = normalEquations(residuals, result.state, options, result.residual_scale, true);
-  result.covariance = n.H.llt().solve(Matrix7d::Identity());
+  result.covariance = n.H.llt().solve(Matrix13d::Identity());
   int inliers = 0;
   for (const Whitened& w : residuals) {
     const double norm = w.residual.norm() / result.residual_scale;

@@ -98,6 +98,8 @@ void CalibrationRecord::separate(const VisualInertialGraph& graph, const GraphCo
   if (rotation) data_covariance_.diagonal().tail<3>().array() += rotation_floor_ * rotation_floor_;
   data_deviation_.setZero();
   data_deviation_.segment(first, size) = data.deviation;
+  pull_.setZero();
+  pull_.segment(first, size) = data.deviation - deviation.segment(first, size);
 }
 
 void CalibrationRecord::judge(const SlidingWindowEstimator& estimator, TimeNs stamp) {
@@ -106,6 +108,7 @@ void CalibrationRecord::judge(const SlidingWindowEstimator& estimator, TimeNs st
   sample.stamp = stamp;
   sample.T_BC = calibration.T_BC();
   sample.covariance = data_covariance_;
+  sample.pull = pull_;
   sample.td = calibration.td;
   sample.sigma_td = calibration.td_held ? 0.0 : sigma_td_;
   // Zero says that a part is held, and waits for nothing.

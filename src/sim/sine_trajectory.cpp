@@ -33,6 +33,7 @@ std::optional<MotionKind> motionKindFromName(const std::string& name) {
   if (name == "free") return MotionKind::kFree;
   if (name == "standstill") return MotionKind::kStandstill;
   if (name == "pure_rotation") return MotionKind::kPureRotation;
+  if (name == "pan_tilt") return MotionKind::kPanTilt;
   if (name == "one_axis_rotation") return MotionKind::kOneAxisRotation;
   if (name == "constant_velocity") return MotionKind::kConstantVelocity;
   if (name == "planar") return MotionKind::kPlanar;
@@ -70,6 +71,7 @@ void SineTrajectory::drawPosition() {
   switch (options_.kind) {
     case MotionKind::kStandstill:
     case MotionKind::kPureRotation:
+    case MotionKind::kPanTilt:
       break;
     case MotionKind::kConstantVelocity:
       drift_ = direction * kConstantVelocityLength / warpedTime(options_.duration).u;
@@ -102,8 +104,9 @@ void SineTrajectory::drawRotation() {
   std::array<Sum, 3> free;
   for (Sum& axis : free) axis = {draw(0.3, 0.5, 0.1, 0.2), draw(0.1, 0.15, 0.4, 0.6)};
   if (options_.kind == MotionKind::kFree || options_.kind == MotionKind::kPureRotation) angles_ = free;
-  if (options_.kind == MotionKind::kOneAxisRotation) {
+  if (options_.kind == MotionKind::kOneAxisRotation || options_.kind == MotionKind::kPanTilt) {
     angles_[2] = free[2];
+    if (options_.kind == MotionKind::kPanTilt) angles_[1] = free[1];
     frame_ = random.rotation();
   }
 }

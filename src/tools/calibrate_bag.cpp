@@ -25,9 +25,11 @@ VioOptions loadOptions(const CalibrateOptions& options) {
   return result;
 }
 
-std::optional<Transform> knownTruth(const CalibrateOptions& options, const OpenedDataset& dataset) {
-  if (!options.truth_file.empty()) return loadMountPrior(options.truth_file).extrinsics.T_imu_cam;
-  return dataset.reference_T_imu_cam;
+PlotTruth knownTruth(const CalibrateOptions& options, const OpenedDataset& dataset) {
+  if (options.truth_file.empty()) return {dataset.reference_T_imu_cam, std::nullopt};
+  const MountPrior truth = loadMountPrior(options.truth_file);
+  if (!truth.time_offset) return {truth.extrinsics.T_imu_cam, std::nullopt};
+  return {truth.extrinsics.T_imu_cam, truth.time_offset->td};
 }
 
 int calibrate(const CalibrateOptions& options) {
@@ -43,7 +45,7 @@ int calibrate(const CalibrateOptions& options) {
   applyInitialFile(options, &dataset.rig);
   if (options.fix_extrinsics && !dataset.rig.extrinsics_prior)
     throw LoadProblems({"--fix-extrinsics: needs a transform, by --initial or in the rig file"});
-  const std::optional<Transform> truth = knownTruth(options, dataset);
+  const PlotTruth truth = knownTruth(options, dataset);
   const std::string description = dataset.source->description();
   DatasetReader reader(std::move(dataset.source), options.window);
   CalibrationRun run(dataset.rig, vio_options);
@@ -59,7 +61,7 @@ int calibrate(const CalibrateOptions& options) {
   display.finish();
   warnings.finish();
   const Verdict verdict = judgeRun(result.record, options.fix_extrinsics);
-  writeResults(folder, result, verdict, dataset.rig, {truth, std::nullopt});
+  writeResults(folder, result, verdict, dataset.rig, truth);
   std::fputs(closingText(result.record, verdict).c_str(), stdout);
   const TimingSummary cpu = summarize(result.timings.image_ms);
   std::printf("CPU time per image: median %.1f ms, p95 %.1f, p99 %.1f, max %.1f (%zu images)\n", cpu.median,

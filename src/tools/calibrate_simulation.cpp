@@ -40,7 +40,7 @@ CommandLine makeCommandLine(Options* o) {
                "realistic: drifting tracks, outliers, IMU noise many times the rig file's",
                &o->mode);
   line.addText("motion", "M",
-               "free (default), standstill, pure_rotation, one_axis_rotation, constant_velocity,\n"
+               "free (default), standstill, pure_rotation, pan_tilt, one_axis_rotation, constant_velocity,\n"
                "planar or straight_line",
                &o->motion);
   line.addNumber("duration", "S", "length [s] (default 40)", &o->duration);

@@ -43,10 +43,10 @@ void include(double value, ChartRange* range) {
   range->high = std::max(range->high, value);
 }
 
-// Widened by a margin; never empty.
+// Widened by a margin; never empty, nor so narrow that its ticks' texts do not fit beside the frame.
 ChartRange padded(ChartRange range) {
   if (!(range.low <= range.high)) return {};
-  const double smallest = std::max(1e-6, 1e-6 * std::max(std::abs(range.low), std::abs(range.high)));
+  const double smallest = std::max(1e-4, 1e-4 * std::max(std::abs(range.low), std::abs(range.high)));
   const double margin = std::max(0.12 * (range.high - range.low), smallest);
   return {range.low - margin, range.high + margin};
 }

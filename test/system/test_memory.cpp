@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
+#include <string>
 #include <vector>
 
 #include "autocal_vio/pipeline/vio_system.h"
@@ -75,18 +76,26 @@ class MemoryRecord {
   std::vector<double> samples_;
 };
 
-TEST(Memory, FlatOnTracks) {
+// Images and how many of them gave odometry.
+struct TrackRun {
+  int images = 0, odometry = 0;
+  std::string last_reason;
+};
+
+TrackRun runOnTracks(MotionKind kind, const char* name) {
   SineTrajectoryOptions motion;
+  motion.kind = kind;
   motion.duration = 60.0 * minutes(0.75);
   const SineTrajectory trajectory(motion);
   const SimulatedRig rig = randomRig(1);
   ImuSimulator imu(trajectory, rig, ImuSimulatorOptions());
   EndlessTracks tracks(*rig.rig.camera, 5.0, 2000, 150);
-  MemoryRecord memory("tracks");
-  int images = 0, odometry = 0;
+  MemoryRecord memory(name);
+  TrackRun run;
   VioSystem system(rig.rig, VioOptions(), [&](const VioUpdate& update) {
-    ++images;
-    odometry += update.odometry.has_value();
+    ++run.images;
+    run.odometry += update.odometry.has_value();
+    run.last_reason = update.reason;
     memory.add(update.stamp);
   });
   const TimeNs interval = fromSeconds(0.05);
@@ -98,7 +107,20 @@ TEST(Memory, FlatOnTracks) {
     system.addImu(sample);
   }
   memory.check();
-  EXPECT_GT(odometry, images - 20 * 10);  // it was not idle
+  return run;
+}
+
+TEST(Memory, FlatOnTracks) {
+  const TrackRun run = runOnTracks(MotionKind::kFree, "tracks");
+  EXPECT_GT(run.odometry, run.images - 20 * 10);  // it was not idle
+}
+
+TEST(Memory, FlatWhileTheInitializationWaits) {
+  const TrackRun one_axis = runOnTracks(MotionKind::kOneAxisRotation, "one axis");
+  EXPECT_EQ(one_axis.odometry, 0);
+  EXPECT_EQ(one_axis.last_reason, "rotation about one axis only");
+  const TrackRun turning = runOnTracks(MotionKind::kPureRotation, "pure rotation");  // attempts, all in vain
+  EXPECT_EQ(turning.odometry, 0);
 }
 
 TEST(Memory, FlatOnImages) {

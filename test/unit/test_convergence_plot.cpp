@@ -60,6 +60,16 @@ TEST(LineChart, DrawsTheCurveWhereItBelongs) {
   EXPECT_EQ(countColour(image, {frame.tl(), half}, kColour), 0);
 }
 
+TEST(LineChart, TextsOfATinyRangeFitBesideTheFrame) {
+  for (double value : {0.0, -0.012, 1234.5, -123.4}) {
+    LineChart chart("title", "m");
+    chart.add({"", kColour, {0.0, 0.5, 1.0}, {value, value + 1e-9, value}, {}, std::nullopt});
+    cv::Mat image(400, 600, CV_8UC3, cv::Scalar::all(255));
+    chart.draw(&image, {0, 0, 600, 400});
+    EXPECT_EQ(cv::mean(image.colRange(0, 2)), cv::Scalar(255, 255, 255, 0)) << value;
+  }
+}
+
 TEST(LineChart, SurvivesGapsInfinitiesAndNothing) {
   cv::Mat image(400, 600, CV_8UC3, cv::Scalar::all(255));
   LineChart("empty", "").draw(&image, {0, 0, 600, 400});

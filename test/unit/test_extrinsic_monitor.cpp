@@ -57,6 +57,23 @@ TEST(ExtrinsicMonitor, KnowsNothingAtFirst) {
   }
 }
 
+TEST(ExtrinsicMonitor, WaitsWhileAPriorHoldsTheEstimateAwayFromTheData) {
+  ExtrinsicMonitor monitor{ExtrinsicMonitorOptions()};
+  const auto add = [&monitor](double t, int axis, double pull) {
+    CalibrationSample sample = goodSample(t);
+    sample.pull(axis) = pull;
+    monitor.add(sample);
+  };
+  for (int i = 0; i <= 20; ++i) add(0.2 * i, 1, 0.009);
+  EXPECT_FALSE(monitor.converged());
+  EXPECT_TRUE(contains(monitor.reason(), "given beforehand still holds it")) << monitor.reason();
+  EXPECT_FALSE(monitor.motionAdvice().empty());
+  for (int i = 0; i <= 20; ++i) add(4.2 + 0.2 * i, 4, -0.2 * kDegree);
+  EXPECT_FALSE(monitor.converged());
+  add(8.4, 1, 0.002);
+  EXPECT_TRUE(monitor.converged()) << monitor.reason();
+}
+
 TEST(ExtrinsicMonitor, ConvergesOnceGoodEnoughForTheStableTimeAndNotBefore) {
   ExtrinsicMonitor monitor{ExtrinsicMonitorOptions()};
   for (int i = 0; i < 10; ++i) {

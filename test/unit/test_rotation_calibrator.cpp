@@ -7,6 +7,8 @@
 
 #include "autocal_vio/geometry/so3.h"
 #include "autocal_vio/sim/feature_simulator.h"
+#include "autocal_vio/sim/imu_simulator.h"
+#include "endless_tracks.h"
 
 namespace autocal_vio {
 namespace {
@@ -15,9 +17,9 @@ using Eigen::Vector3d;
 
 constexpr double kDegree = 3.14159265358979323846 / 180.0;
 #ifdef AUTOCAL_VIO_OPTIMIZED
-constexpr int kSeeds = 20;
+constexpr int kSeeds = 20, kFewSeeds = 10;
 #else
-constexpr int kSeeds = 3;
+constexpr int kSeeds = 3, kFewSeeds = 2;
 #endif
 
 struct RunResult {
@@ -162,6 +164,106 @@ TEST(RotationCalibrator, PureRotationIsEnough) {
   const RunResult result = runMotion(MotionKind::kPureRotation, 20.0, &data);
   ASSERT_TRUE(result.ever_accepted) << result.last.reason;
   EXPECT_LT(errorOf(result.at_acceptance, data).norm(), 0.5 * kDegree);
+}
+
+// The camera turns about the IMU: its parallax is within the noise and goes with the rotation, and two views take part of it
+// for rotation, the same part in every pair.
+TEST(RotationCalibrator, ParallaxOfTheLeverArmIsNotTakenForRotation) {
+  for (MotionKind kind : {MotionKind::kPureRotation, MotionKind::kPanTilt}) {
+    double worst = 0.0, mean_nees = 0.0;
+    for (int seed = 1; seed <= kFewSeeds; ++seed) {
+      FeatureSimulationOptions options = FeatureSimulationOptions::euroc(static_cast<std::uint64_t>(seed));
+      options.motion.kind = kind;
+      options.motion.duration = 20.0;
+      const FeatureDataset data = simulateFeatures(options);
+      RotationCalibrator calibrator = makeCalibrator(data);
+      const RunResult result = run(data, &calibrator);
+      ASSERT_TRUE(result.ever_accepted) << "seed " << seed << ": " << result.last.reason;
+      worst = std::max(worst, errorOf(result.last, data).norm() / kDegree);
+      mean_nees += nees(result.last, data) / kFewSeeds;
+    }
+    std::printf("kind %d: error after 20 s at most %.2f deg, NEES %.1f of 3\n", static_cast<int>(kind), worst,
+                mean_nees);
+    EXPECT_LT(worst, 0.3);
+    EXPECT_LT(mean_nees, 6.0);
+  }
+}
+
+// Steady translation within the noise looks like a steady rotation, and that like a bias.
+TEST(RotationCalibrator, TheBiasIsHonestUnderSteadyTranslation) {
+  double worst = 0.0;
+  for (int seed = 1; seed <= kFewSeeds; ++seed) {
+    FeatureSimulationOptions options = FeatureSimulationOptions::euroc(static_cast<std::uint64_t>(seed));
+    options.motion.kind = MotionKind::kConstantVelocity;
+    options.motion.duration = 20.0;
+    const FeatureDataset data = simulateFeatures(options);
+    RotationCalibrator calibrator = makeCalibrator(data);
+    const RunResult result = run(data, &calibrator);
+    const Vector3d error = result.last.gyroscope_bias - data.truth.back().bias.gyroscope;
+    worst = std::max(worst, error.cwiseQuotient(result.last.sigma_gyroscope_bias).cwiseAbs().maxCoeff());
+  }
+  std::printf("gyroscope bias at most %.1f sigma off\n", worst);
+  EXPECT_LT(worst, 4.5);
+}
+
+// Now and then two views of a plane give a wrong rotation that is sure of itself. Were such pairs kept for their
+// information, they would be the majority after minutes.
+TEST(RotationCalibrator, MinutesOfOneAxisStayWhatTheyAre) {
+#ifdef AUTOCAL_VIO_OPTIMIZED
+  constexpr double kDuration = 270.0;
+#else
+  constexpr double kDuration = 30.0;
+#endif
+  SineTrajectoryOptions motion;
+  motion.kind = MotionKind::kOneAxisRotation;
+  motion.duration = kDuration;
+  motion.seed = 7;
+  const SineTrajectory trajectory(motion);
+  const SimulatedRig rig = randomRig(motion.seed);
+  ImuSimulator simulator(trajectory, rig, ImuSimulatorOptions());
+  EndlessTracks tracks(*rig.rig.camera, 5.0, 2000, 150);
+  RotationCalibrator calibrator(CameraModel(*rig.rig.camera).focalLength(), rig.rig.imu_noise,
+                                TimeOffsetPrior{0.0, 0.02}, RotationCalibratorOptions());
+  ImuBuffer imu(2 * kNsPerSecond);
+  const TimeNs settled = trajectory.begin() + 15 * kNsPerSecond;
+  for (TimeNs stamp = trajectory.begin(); stamp + 50000000 < trajectory.end(); stamp += 50000000) {
+    while (simulator.nextStamp() <= stamp + 5000000) imu.add(simulator.next());
+    calibrator.addFrame(tracks.observe(stamp, trajectory.at(stamp).T_WB * rig.T_imu_cam, 0.5), imu);
+    if (stamp < settled) continue;
+    const RotationEstimate& estimate = calibrator.estimate();
+    ASSERT_EQ(estimate.reason, "rotation about one axis only") << toSeconds(stamp - trajectory.begin());
+    ASSERT_NE(estimate.motion_advice.find("rotate about the camera's"), std::string::npos);
+    ASSERT_LT((estimate.gyroscope_bias - rig.gyroscope_bias).norm(), 0.01);
+  }
+}
+
+// Rotation about one axis tells which axis of the camera is which of the IMU, but not the turn about it.
+TEST(RotationCalibrator, OneAxisContradictsAPriorThatHasItElsewhere) {
+  for (MotionKind kind : {MotionKind::kOneAxisRotation, MotionKind::kPlanar}) {
+    FeatureSimulationOptions options = FeatureSimulationOptions::realistic(6);
+    options.motion.kind = kind;
+    options.motion.duration = 20.0;
+    const FeatureDataset data = simulateFeatures(options);
+    const Eigen::Quaterniond& R_BC = data.rig.T_imu_cam.rotation;
+    const Vector3d w_B = data.truth[200].angular_velocity_B.normalized();
+    const Vector3d along = R_BC.conjugate() * w_B, across = along.unitOrthogonal();
+    const auto contradiction = [&](const Vector3d& rotation_C, double sigma) {
+      RotationCalibrator calibrator = makeCalibrator(data);
+      calibrator.setRotationPrior(R_BC * expSo3(rotation_C), sigma);
+      run(data, &calibrator);
+      EXPECT_FALSE(calibrator.priorChecked());
+      return calibrator.priorContradiction();
+    };
+    EXPECT_FALSE(contradiction(Vector3d::Zero(), kDegree));
+    EXPECT_FALSE(contradiction(2.0 * kDegree * across, kDegree)) << "two of its sigmas";
+    EXPECT_FALSE(contradiction(90.0 * kDegree * along, kDegree)) << "nobody can know";
+    const std::optional<double> tilted = contradiction(20.0 * kDegree * across, kDegree);
+    ASSERT_TRUE(tilted);
+    EXPECT_NEAR(*tilted, 20.0 * kDegree, 1.0 * kDegree);
+    const std::optional<double> reversed = contradiction(180.0 * kDegree * across, 5.0 * kDegree);
+    ASSERT_TRUE(reversed);
+    EXPECT_GT(*reversed, 178.0 * kDegree);
+  }
 }
 
 TEST(RotationCalibrator, PriorGivesBiasWithLittleMotion) {

@@ -37,6 +37,8 @@ struct CalibrationSample {
   TimeNs stamp = 0;
   Transform T_BC;
   Eigen::Matrix<double, 6, 6> covariance = Eigen::Matrix<double, 6, 6>::Identity();
+  /// How far from what the data alone say the estimate is held by what was given beforehand [m, rad].
+  Eigen::Matrix<double, 6, 1> pull = Eigen::Matrix<double, 6, 1>::Zero();
   double td = 0.0;
   double sigma_td = 1.0;
 };

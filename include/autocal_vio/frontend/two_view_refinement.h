@@ -45,6 +45,7 @@ PointResidual evaluatePoint(const BearingPair& pair, const TwoViewGeometry& geom
 struct TwoViewFit {
   TwoViewGeometry geometry;
   Eigen::Matrix<double, 6, 6> information = Eigen::Matrix<double, 6, 6>::Zero();  ///< of (rotation, parallax)
+  Eigen::Matrix3d shrinkage = Eigen::Matrix3d::Zero();  ///< information that pulls the parallax to zero
   double cost = 0.0;  ///< robust, whitened by sigma, -2 log of the marginal likelihood [-]
   NoiseLevel noise;   ///< it was fitted with
 };
@@ -72,5 +73,9 @@ NoiseLevel estimateNoise(const std::vector<BearingPair>& pairs, const TwoViewFit
 /// Covariance of the rotation's right perturbation [rad^2]. Where parallax is small it can be told from
 /// rotation only by the spread of distances taken for granted: that assumption's uncertainty is counted.
 Eigen::Matrix3d rotationCovariance(const TwoViewFit& fit);
+
+/// Rotation (right perturbation) that a fit makes of a parallax it cannot tell from noise: d rotation / d true parallax. Near
+/// zero where the parallax is clear. The same for all pairs of a steady motion, it does not average out.
+Eigen::Matrix3d rotationByParallax(const TwoViewFit& fit);
 
 }  // namespace autocal_vio

@@ -88,6 +88,7 @@ class CalibratingInitializer {
   std::optional<InitializedProblem> startAttempt(AttemptInput input);
   std::optional<InitializedProblem> followAttempt(const FeatureFrame& frame);
   void conclude(const InitializationAttempt& attempt);
+  void doubtPrior();
   void outdateAttempt();
   void explain(const std::string& reason, const std::string& advice);
 

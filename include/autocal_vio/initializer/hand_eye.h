@@ -40,6 +40,8 @@ struct RotationPair {
   TimeNs end = 0;                                               ///< camera clock
   Eigen::Quaterniond R_Ci_Cj = Eigen::Quaterniond::Identity();  ///< from the camera
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();         ///< of its right perturbation [rad^2]
+  /// What the camera took for rotation of a parallax within its noise: d right perturbation / d SteadyParallax.
+  Eigen::Matrix<double, 3, 6> by_steady_parallax = Eigen::Matrix<double, 3, 6>::Zero();
   GyroIncrement gyro;                                           ///< at gyro_bias
   Eigen::Vector3d gyro_bias = Eigen::Vector3d::Zero();  ///< the increment was integrated about [rad/s]
   double td = 0.0;                                      ///< and at [s]

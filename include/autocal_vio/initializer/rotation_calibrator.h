@@ -51,8 +51,9 @@ class RotationCalibrator {
   /// A rotation known beforehand with sigma [rad] per axis: estimates start from it and are held to it.
   void setRotationPrior(const Eigen::Quaterniond& R_BC, double sigma);
 
-  /// Angle [rad] between the prior and what images and gyroscope say without it, once they determine the rotation on
-  /// their own and the prior is beyond five sigmas from it; nothing as long as they agree.
+  /// Angle [rad] between the prior and what images and gyroscope say without it, once the prior is beyond five sigmas
+  /// from what they determine on their own: the rotation, or the direction of the one axis that the rig has turned about.
+  /// Nothing as long as they agree.
   const std::optional<double>& priorContradiction() const { return prior_contradiction_; }
 
   /// True once images and gyroscope have determined the rotation without the prior, so that it could be compared.
@@ -74,6 +75,10 @@ class RotationCalibrator {
   void solve();
   void judge(const RotationCalibration& solution);
   void checkPrior();
+  void compareWithPrior(const Eigen::Quaterniond& R_BC, const Eigen::Matrix3d& covariance);
+  void compareAxisWithPrior(const Eigen::Quaterniond& R_BC, const Eigen::Matrix3d& covariance,
+                            const Eigen::Vector3d& axis_B);
+  bool explainsResiduals(const RotationCalibration& solution) const;
   void forgetEstimate();
   Eigen::Matrix3d flooredCovariance(const RotationCalibration& solution) const;
 

@@ -60,6 +60,7 @@ class CalibrationRecord {
   SigmaInflation inflation_;
   Matrix6d extrinsic_covariance_, data_covariance_;
   Eigen::Matrix<double, 6, 1> data_deviation_ = Eigen::Matrix<double, 6, 1>::Zero();
+  Eigen::Matrix<double, 6, 1> pull_ = Eigen::Matrix<double, 6, 1>::Zero();  ///< of the prior [m, rad]
   double sigma_td_;
   std::optional<CalibrationKnowledge> current_,
       converged_;  ///< of the last sound estimate; when last converged

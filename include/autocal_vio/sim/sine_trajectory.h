@@ -16,13 +16,14 @@ enum class MotionKind {
   kFree,              ///< hand or drone: all six axes
   kStandstill,        ///< nothing moves
   kPureRotation,      ///< all rotation axes about the IMU's origin, no translation
+  kPanTilt,           ///< as pure rotation, about two axes only
   kOneAxisRotation,   ///< free translation, rotation about one random axis only
   kConstantVelocity,  ///< no rotation, constant velocity once started
   kPlanar,            ///< driving a figure of eight: heading along the velocity, level
   kStraightLine       ///< no rotation, to and fro along one line
 };
 
-/// Kind of a name: "free", "standstill", "pure_rotation", "one_axis_rotation", "constant_velocity", "planar",
+/// Kind of a name: "free", "standstill", "pure_rotation", "pan_tilt", "one_axis_rotation", "constant_velocity", "planar",
 /// "straight_line"; nothing for another name.
 std::optional<MotionKind> motionKindFromName(const std::string& name);
 
