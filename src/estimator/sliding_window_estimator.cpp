@@ -226,6 +226,12 @@ bool SlidingWindowEstimator::mountIsAtRest(EstimatorResult* result) {
   return false;
 }
 
+// What contradicted a wrong prior passed for noise of the IMU: that is no evidence any more.
+void SlidingWindowEstimator::dropCalibrationPrior() {
+  graph_.dropExtrinsicsPrior();
+  noise_.forgetEvidence();
+}
+
 void SlidingWindowEstimator::reopenExtrinsics() {
   reopenExtrinsicsAt(graph_.calibration().T_BC(), kBumpTranslation, kBumpRotation);
 }

@@ -244,6 +244,8 @@ void CalibratingInitializer::conclude(const InitializationAttempt& attempt) {
   static_cast<AttemptFindings&>(status_) = attempt.findings();
   if (attempt.solved() && !first_solution_) first_solution_ = last_attempt_;
   attempt_pause_ = options_.attempt_interval * attempt.patience();
+  if (attempt.priorContradiction())
+    prior_problem_ = translationPriorProblem(*attempt.priorContradiction(), prior_->sigma_translation);
   if (!status_.reason.empty() && prior_ && !status_.rotation.accepted) doubtPrior();
 }
 

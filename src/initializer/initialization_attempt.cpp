@@ -25,6 +25,7 @@ constexpr double kOutlierPx = 4.0;        // [px] after the first solve
 constexpr double kLargestPixelRms = 2.0;  // [px] of an acceptable solution
 constexpr double kLargestAccelBias =
     2.0;  // [m/s^2] beyond it the unit or the scale of the accelerometer is wrong
+constexpr double kContradictionSigmas = 4.5;  // of three axes, from a prior
 constexpr int kSolveIterations = 20;
 constexpr double kMostPatience = 2.0;
 
@@ -66,10 +67,42 @@ std::optional<InitializedProblem> InitializationAttempt::run() {
 }
 
 std::optional<InitializedProblem> InitializationAttempt::solve() {
-  if (!preintegrate() || !reconstruct() || !align()) return std::nullopt;
+  if (!preintegrate() || !reconstruct()) return std::nullopt;
+  std::optional<InitializedProblem> problem = solveMotion();
+  const bool doubtful = misfit_ && input_.prior && !input_.hold_rotation && !input_.hold_translation;
+  return !problem && doubtful ? solveDoubtingPrior() : std::move(problem);
+}
+
+std::optional<InitializedProblem> InitializationAttempt::solveMotion() {
+  misfit_ = false;
+  if (!align()) return std::nullopt;
   InitializedProblem problem = buildProblem();
   if (!refine(&problem) || !judge(problem)) return std::nullopt;
   return problem;
+}
+
+// It may be the translation given beforehand that does not fit: then everything fits without it, somewhere else.
+std::optional<InitializedProblem> InitializationAttempt::solveDoubtingPrior() {
+  const AttemptFindings before = findings_;
+  const ExtrinsicsPrior prior = *input_.prior;
+  input_.prior->sigma_translation = std::max(prior.sigma_translation, kPriorSigmaTranslation);
+  std::optional<InitializedProblem> problem = solveMotion();
+  const std::optional<GraphCovariance> covariance =
+      problem ? problem->graph.covariance() : std::optional<GraphCovariance>();
+  if (covariance) {
+    const Eigen::Vector3d off =
+        problem->graph.calibration().T_BC().translation - prior.T_imu_cam.translation;
+    Eigen::Matrix3d expected =
+        kSigmaInflation * kSigmaInflation * covariance->block({-1, BlockKind::kExtrinsicTranslation});
+    expected.diagonal().array() += prior.sigma_translation * prior.sigma_translation;
+    if (std::sqrt(off.dot(expected.ldlt().solve(off))) > kContradictionSigmas) {
+      prior_contradiction_ = off.norm();
+      problem->graph.dropExtrinsicsPrior();
+      return problem;
+    }
+  }
+  findings_ = before;
+  return std::nullopt;
 }
 
 bool InitializationAttempt::fail(const std::string& reason, const std::string& advice) {
@@ -214,6 +247,7 @@ bool InitializationAttempt::judge(const InitializedProblem& problem) {
   }
   if (why.str().empty() && !(bias < kLargestAccelBias))
     why << "the accelerometer's bias came out as " << bias << " m/s^2, which no sound sensor has";
+  misfit_ = !why.str().empty() && sigma_scale < input_.max_sigma_scale;
   if (!why.str().empty()) return fail(why.str(), advice);
   reportBatch(problem.graph, *covariance);
   findings_.sigma_scale = sigma_scale;

@@ -43,7 +43,7 @@ class SlidingWindowEstimator {
   EstimatorResult process(const FeatureFrame& frame, const ImuBuffer& imu);
 
   /// Goes on without the prior on the extrinsics.
-  void dropCalibrationPrior() { graph_.dropExtrinsicsPrior(); }
+  void dropCalibrationPrior();
 
   /// The camera sits elsewhere on its mount than the extrinsics say, by the size of a bump: they start anew from what
   /// they are.

@@ -63,6 +63,10 @@ class InitializationAttempt {
 
   const AttemptFindings& findings() const { return findings_; }
 
+  /// Distance [m] of the solution from a translation given beforehand that nothing fits together with; nothing where that
+  /// was not to blame.
+  const std::optional<double>& priorContradiction() const { return prior_contradiction_; }
+
   /// How much longer than usual to wait for the next attempt [1, 2]: it will not do before.
   double patience() const { return patience_; }
 
@@ -74,6 +78,8 @@ class InitializationAttempt {
 
  private:
   std::optional<InitializedProblem> solve();
+  std::optional<InitializedProblem> solveMotion();
+  std::optional<InitializedProblem> solveDoubtingPrior();
   bool preintegrate();
   bool reconstruct();
   bool align();
@@ -87,6 +93,8 @@ class InitializationAttempt {
   AttemptFindings findings_;
   double patience_ = 1.0;
   bool solved_ = false;
+  bool misfit_ = false;  ///< images and IMU do not fit together
+  std::optional<double> prior_contradiction_;
   double cpu_ms_ = 0.0;
   std::vector<Preintegration> preintegrations_;  ///< between the keyframes
   StructureResult structure_;
