@@ -89,8 +89,8 @@ void ExtrinsicMonitor::judge() {
   } else if (!(pull_rotation < slack * options_.max_sigma_rotation_deg &&
                pull_translation < slack * options_.max_sigma_translation)) {
     // A tight prior that is wrong, as long as the motion does not suffice to contradict it.
-    why << "what was given beforehand still holds it " << pull_rotation << " deg and " << 1e3 * pull_translation
-        << " mm from what the motion says";
+    why << "what was given beforehand still holds it " << pull_rotation << " deg and "
+        << 1e3 * pull_translation << " mm from what the motion says";
     advice_ = "rotate quickly to and fro about all axes";
   } else if (!converged_ && toSeconds(now.stamp - history_.front().stamp) < options_.stable_time) {
     why << "accurate enough, watching whether it stays";

@@ -276,10 +276,10 @@ Matrix3d rotationCovariance(const TwoViewFit& fit) {
 
 Matrix3d rotationByParallax(const TwoViewFit& fit) {
   // A fit (theta, T) to points whose parallax is T0 minimises |(theta, T - T0)|^2_H + |T|^2_shrinkage.
-  const Matrix3d by_parallax = fit.information.topLeftCorner<3, 3>().ldlt().solve(
-      Matrix3d(fit.information.topRightCorner<3, 3>()));
-  const Matrix3d H_T = fit.information.bottomRightCorner<3, 3>() -
-                       fit.information.bottomLeftCorner<3, 3>() * by_parallax;
+  const Matrix3d by_parallax =
+      fit.information.topLeftCorner<3, 3>().ldlt().solve(Matrix3d(fit.information.topRightCorner<3, 3>()));
+  const Matrix3d H_T =
+      fit.information.bottomRightCorner<3, 3>() - fit.information.bottomLeftCorner<3, 3>() * by_parallax;
   return by_parallax * (H_T + fit.shrinkage).ldlt().solve(fit.shrinkage);
 }
 

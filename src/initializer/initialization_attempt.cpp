@@ -90,8 +90,7 @@ std::optional<InitializedProblem> InitializationAttempt::solveDoubtingPrior() {
   const std::optional<GraphCovariance> covariance =
       problem ? problem->graph.covariance() : std::optional<GraphCovariance>();
   if (covariance) {
-    const Eigen::Vector3d off =
-        problem->graph.calibration().T_BC().translation - prior.T_imu_cam.translation;
+    const Eigen::Vector3d off = problem->graph.calibration().T_BC().translation - prior.T_imu_cam.translation;
     Eigen::Matrix3d expected =
         kSigmaInflation * kSigmaInflation * covariance->block({-1, BlockKind::kExtrinsicTranslation});
     expected.diagonal().array() += prior.sigma_translation * prior.sigma_translation;

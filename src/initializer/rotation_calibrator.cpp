@@ -30,8 +30,9 @@ constexpr double kUnknown = 104.0 * kDegree;  // per axis, of a rotation that ma
 constexpr double kObservable = 2.0;           // times the limit of acceptance
 constexpr int kSolvesPerPriorCheck = 4;
 constexpr double kContradictionSigmas = 5.0;
-constexpr double kMemory = 60.0;        // [s] the bias walks: the older a pair is, the less it says of today's
-constexpr double kOneAxisFactor = 2.0;  // rotation about one axis, over what a second one needs, to know that axis
+constexpr double kMemory = 60.0;  // [s] the bias walks: the older a pair is, the less it says of today's
+constexpr double kOneAxisFactor =
+    2.0;  // rotation about one axis, over what a second one needs, to know that axis
 
 double largestSigma(const Matrix3d& covariance) {
   return std::sqrt(Eigen::SelfAdjointEigenSolver<Matrix3d>(covariance).eigenvalues()(2));

@@ -81,7 +81,7 @@ TEST(BackgroundInitialization, WhatIsFrozenWhileOneRunsKeepsEveryBit) {
   const FeatureDataset data = simulate(3, kLongEnough);
   RigModel rig = data.rig.rig;
   rig.extrinsics_prior = ExtrinsicsPrior{data.rig.T_imu_cam, 0.005, 0.005};
-  for (const std::size_t when : {30u, 42u, 54u}) {
+  for (const std::size_t when : {34u, 38u, 42u}) {
     bool frozen = false;
     int changed = 0, after = 0;
     VioSystem system(rig, inBackground(), [&](const VioUpdate& update) {

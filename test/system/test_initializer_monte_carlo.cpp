@@ -69,8 +69,9 @@ struct Outcome {
   Calibration at_claim, later, last;
   double later_s = kInfinity;         // when `later` was, after the first image
   Vector6d bound = Vector6d::Zero();  // sigmas that nothing beats, then
-  double bias_sigmas = kInfinity, td_sigmas = kInfinity;  // of gyroscope bias (worst axis) and time offset, last
-  bool prior_wrong = false;                               // as it says at the end
+  double bias_sigmas = kInfinity,
+         td_sigmas = kInfinity;  // of gyroscope bias (worst axis) and time offset, last
+  bool prior_wrong = false;      // as it says at the end
   std::string last_reason, last_advice;
 };
 
@@ -129,12 +130,10 @@ Outcome run(const FeatureSimulationOptions& simulation, const RunSettings& setti
     while (index + 1 < data.truth.size() && data.truth[index].stamp < update.stamp) ++index;
     const double t = toSeconds(update.stamp - motion_begin);
     outcome.last = compare(update.calibration, data.rig.T_imu_cam);
-    const Eigen::Vector3d bias_error =
-        update.calibration.gyroscope_bias - data.truth[index].bias.gyroscope;
+    const Eigen::Vector3d bias_error = update.calibration.gyroscope_bias - data.truth[index].bias.gyroscope;
     outcome.bias_sigmas =
         bias_error.cwiseQuotient(update.calibration.sigma_gyroscope_bias).cwiseAbs().maxCoeff();
-    outcome.td_sigmas =
-        std::abs(update.calibration.td - data.truth[index].td) / update.calibration.sigma_td;
+    outcome.td_sigmas = std::abs(update.calibration.td - data.truth[index].td) / update.calibration.sigma_td;
     outcome.prior_wrong = update.reason.find("WRONG") != std::string::npos;
     if (verbose() && update.reason != outcome.last_reason && !update.odometry)
       std::printf("  %6.2f %s: %s\n", t, toString(update.state), update.reason.c_str());

@@ -283,5 +283,52 @@ TEST(TwoView, CostsLittle) {
 #endif
 }
 
+// Mean of the points' inverse distances from C2 [1/m]: what turns a translation into a mean parallax.
+double meanInverseDistance(const Views& views) {
+  const Matrix3d R = views.R_C1_C2.toRotationMatrix();
+  double sum = 0.0;
+  for (std::size_t i = 0; i < views.points1.size(); ++i) {
+    // Depths from p1 = R p2 + t, both along their rays.
+    Eigen::Matrix<double, 3, 2> rays;
+    rays << views.points1[i].homogeneous(), -(R * views.points2[i].homogeneous());
+    const Vector2d depths = (rays.transpose() * rays).ldlt().solve(rays.transpose() * views.p_C1_C2);
+    sum += 1.0 / (depths(1) * views.points2[i].homogeneous().norm());
+  }
+  return sum / static_cast<double>(views.points1.size());
+}
+
+TEST(TwoView, TellsHowMuchOfASmallParallaxItTakesForRotation) {
+  double along = 0.0, predicted = 0.0;
+  for (unsigned seed = 1; seed <= 100; ++seed) {
+    Case c;
+    c.baseline = 0.01;
+    const double inverse_distance = meanInverseDistance(makeViews(c, seed));  // without noise
+    c.noise = 0.5;
+    const Views views = makeViews(c, seed);
+    const TwoViewResult result = estimateTwoViewRotation(views.points1, views.points2);
+    ASSERT_TRUE(result.rotation) << result.reason;
+    const Vector3d expected = result.rotation->rotation_by_parallax * views.p_C1_C2 * inverse_distance;
+    along += expected.dot(rotationError(*result.rotation, views));
+    predicted += expected.squaredNorm();
+  }
+  const double rms_deg = std::sqrt(predicted / 100.0) * 180.0 / kPi;
+  std::printf("predicted %.3f deg (rms); of that there is %.2f\n", rms_deg, along / predicted);
+  EXPECT_GT(rms_deg, 0.03);
+  EXPECT_NEAR(along / predicted, 1.0, 0.3);
+}
+
+TEST(TwoView, TakesNextToNothingOfAClearParallaxForRotation) {
+  double mean = 0.0;
+  for (unsigned seed = 1; seed <= 100; ++seed) {
+    Case c;
+    c.noise = 0.5;
+    const Views views = makeViews(c, seed);
+    const TwoViewResult result = estimateTwoViewRotation(views.points1, views.points2);
+    ASSERT_TRUE(result.rotation) << result.reason;
+    mean += result.rotation->rotation_by_parallax.norm() / 100.0;
+  }
+  EXPECT_LT(mean, 0.02);
+}
+
 }  // namespace
 }  // namespace autocal_vio

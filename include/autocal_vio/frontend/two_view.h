@@ -27,7 +27,7 @@ struct TwoViewRotation {
   /// Position of C2 in C1 divided by a mean distance of the points: its direction is the translation's, its
   /// length the mean parallax [rad]. Meaningful only where `parallax` is set.
   Eigen::Vector3d parallax_C1 = Eigen::Vector3d::Zero();
-  bool parallax = false;          ///< the translation stands clear of the noise
+  bool parallax = false;  ///< the translation stands clear of the noise
   /// Part of a parallax within the noise that was taken for rotation: d rotation (right) / d parallax that is there.
   Eigen::Matrix3d rotation_by_parallax = Eigen::Matrix3d::Zero();
   int inliers = 0;                ///< points that agree

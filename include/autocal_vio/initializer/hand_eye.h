@@ -42,7 +42,7 @@ struct RotationPair {
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();         ///< of its right perturbation [rad^2]
   /// What the camera took for rotation of a parallax within its noise: d right perturbation / d SteadyParallax.
   Eigen::Matrix<double, 3, 6> by_steady_parallax = Eigen::Matrix<double, 3, 6>::Zero();
-  GyroIncrement gyro;                                           ///< at gyro_bias
+  GyroIncrement gyro;                                   ///< at gyro_bias
   Eigen::Vector3d gyro_bias = Eigen::Vector3d::Zero();  ///< the increment was integrated about [rad/s]
   double td = 0.0;                                      ///< and at [s]
   std::vector<GyroSample> samples;  ///< from some time before the interval to some time after, for any td

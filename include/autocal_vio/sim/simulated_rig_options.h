@@ -67,7 +67,8 @@ struct SimulatedRigOptions {
   template <class Visitor>
   void visitTexts(Visitor&& visit) {
     visit("motion", motion,
-          "free, standstill, pure_rotation, pan_tilt, one_axis_rotation, constant_velocity, planar or straight_line");
+          "free, standstill, pure_rotation, pan_tilt, one_axis_rotation, constant_velocity, planar or "
+          "straight_line");
     visit("trajectory_path", trajectory_path,
           "recorded trajectory, EuRoC CSV or TUM file, instead of motion");
     visit("imu_path", imu_path, "recorded IMU, EuRoC CSV, that goes with trajectory_path");
