@@ -177,10 +177,10 @@ void RotationCalibrator::addPair(const FeatureFrame& first, const FeatureFrame& 
   refused_pairs_ = 0;
   pair.R_Ci_Cj = result.rotation->R_C1_C2;
   pair.covariance = options_.correlation_factor * result.rotation->covariance;
-  // Of a position p in the IMU and a velocity v, both in C: p_Ci_Cj = (R_Ci_Cj - I) p + v (t_j - t_i).
+  // With a position p in the IMU, in C, the camera moves by p_Ci_Cj = (R_Ci_Cj - I) p.
   const Matrix3d& by_parallax = result.rotation->rotation_by_parallax;
-  pair.by_steady_parallax << by_parallax * (pair.R_Ci_Cj.toRotationMatrix() - Matrix3d::Identity()),
-      by_parallax * toSeconds(pair.end - pair.begin);
+  pair.by_lever_parallax = by_parallax * (pair.R_Ci_Cj.toRotationMatrix() - Matrix3d::Identity());
+  pair.by_hidden_parallax = by_parallax * result.rotation->sigma;
   pending_.push_back(pair);
 }
 

@@ -18,7 +18,7 @@ constexpr double kTukey = 6.0;         // the same
 constexpr double kMedianChi2 = 2.366;  // median of chi-squared with three degrees of freedom
 
 struct Whitened {
-  Eigen::Matrix<double, 3, 13> jacobian;
+  Eigen::Matrix<double, 3, 10> jacobian;
   Vector3d residual;
 };
 
@@ -67,9 +67,27 @@ double tukeyCost(double norm) {
 }
 
 struct NormalEquations {
-  Matrix13d H = Matrix13d::Zero();
-  Vector13d g = Vector13d::Zero();
+  Matrix10d H = Matrix10d::Zero();
+  Vector10d g = Vector10d::Zero();
 };
+
+// What a steady translation adds to the covariance `C` = H^-1 of the solution: as large as the noise it shows in no pair,
+// the same in all of them. Considered, not estimated: noise would pass for it.
+Matrix10d hiddenParallax(const std::vector<RotationPair>& pairs, const std::vector<Whitened>& residuals,
+                         const RotationState& state, double scale, double floor, const Matrix10d& C) {
+  Eigen::Matrix<double, 10, 3> sum = Eigen::Matrix<double, 10, 3>::Zero();
+  const Matrix3d R_BC = state.R_BC.toRotationMatrix();
+  for (std::size_t i = 0; i < pairs.size(); ++i) {
+    const double weight = tukeyWeight(residuals[i].residual.norm() / scale) / (scale * scale);
+    const Matrix3d covariance =
+        rotationResidual(pairs[i], state).covariance + floor * floor * Matrix3d::Identity();
+    const Eigen::LLT<Matrix3d> factor(covariance);
+    const Matrix3d by_hidden = factor.matrixL().solve(R_BC * pairs[i].by_hidden_parallax);
+    sum.noalias() += weight * residuals[i].jacobian.transpose() * by_hidden;
+  }
+  const Eigen::Matrix<double, 10, 3> moved = C * sum;
+  return moved * moved.transpose();
+}
 
 // In units of the priors' sigmas; the pairs' part is divided by `scale` squared.
 NormalEquations normalEquations(const std::vector<Whitened>& residuals, const RotationState& state,
@@ -88,11 +106,8 @@ NormalEquations normalEquations(const std::vector<Whitened>& residuals, const Ro
   n.H(6, 6) += by_td;
   n.g(6) += by_td * (state.td - options.td);
   const double by_lever = 1.0 / (options.sigma_lever_parallax * options.sigma_lever_parallax);
-  const double by_rate = 1.0 / (options.sigma_parallax_rate * options.sigma_parallax_rate);
-  n.H.diagonal().segment<3>(7).array() += by_lever;
-  n.g.segment<3>(7) += by_lever * state.steady_parallax.head<3>();
-  n.H.diagonal().tail<3>().array() += by_rate;
-  n.g.tail<3>() += by_rate * state.steady_parallax.tail<3>();
+  n.H.diagonal().tail<3>().array() += by_lever;
+  n.g.tail<3>() += by_lever * state.lever_parallax;
   if (options.rotation_prior) {
     const RotationPrior& prior = *options.rotation_prior;
     const Vector3d r = logSo3((prior.R_BC.conjugate() * state.R_BC).normalized());
@@ -103,13 +118,13 @@ NormalEquations normalEquations(const std::vector<Whitened>& residuals, const Ro
   return n;
 }
 
-RotationState moved(const RotationState& state, const Vector13d& step,
+RotationState moved(const RotationState& state, const Vector10d& step,
                     const RotationRefinementOptions& options) {
   RotationState result;
   result.R_BC = (state.R_BC * expSo3(step.head<3>().eval())).normalized();
   result.gyroscope_bias = state.gyroscope_bias + step.segment<3>(3);
   result.td = std::clamp(state.td + step(6), options.td - options.max_td, options.td + options.max_td);
-  result.steady_parallax = state.steady_parallax + step.tail<6>();
+  result.lever_parallax = state.lever_parallax + step.tail<3>();
   return result;
 }
 
@@ -127,7 +142,7 @@ void integrateAll(const RotationState& state, const RotationRefinementOptions& o
 }  // namespace
 
 RotationResidual rotationResidual(const RotationPair& pair, const RotationState& state) {
-  const Vector3d mistaken = pair.by_steady_parallax * state.steady_parallax;
+  const Vector3d mistaken = pair.by_lever_parallax * state.lever_parallax;
   const Quaterniond R_Ci_Cj = pair.R_Ci_Cj * expSo3((-mistaken).eval());
   const Quaterniond seen = state.R_BC * R_Ci_Cj * state.R_BC.conjugate();
   const Quaterniond R_Bi_Bj = correctedGyroRotation(pair, state.gyroscope_bias, state.td);
@@ -142,8 +157,8 @@ RotationResidual rotationResidual(const RotationPair& pair, const RotationState&
   result.jacobian.middleCols<3>(3) = -left * pair.gyro.bias_jacobian;
   result.jacobian.col(6) = -left * (pair.gyro.angular_velocity_j - R_Bj_Bi * pair.gyro.angular_velocity_i);
   // Exp(-m - d) = Exp(-m) Exp(-Jr(-m) d).
-  result.jacobian.rightCols<6>() =
-      -right * R_BC * rightJacobianSo3((-mistaken).eval()) * pair.by_steady_parallax;
+  result.jacobian.rightCols<3>() =
+      -right * R_BC * rightJacobianSo3((-mistaken).eval()) * pair.by_lever_parallax;
   result.covariance = pair.gyro.covariance + R_BC * pair.covariance * R_BC.transpose();
   return result;
 }
@@ -186,7 +201,7 @@ std::optional<RotationCalibration> refineRotation(const RotationState& start,
     residuals = whitenAll(*pairs, result.state, options.sigma_floor);
     result.residual_scale = residualScale(residuals);
     n = normalEquations(residuals, result.state, options, result.residual_scale, redescending);
-    const Vector13d step = -n.H.ldlt().solve(n.g);
+    const Vector10d step = -n.H.ldlt().solve(n.g);
     if (!step.allFinite()) return std::nullopt;
     const double length = std::sqrt(step.dot(n.H * step));  // in sigmas
     result.state = moved(result.state, step, options);
@@ -198,7 +213,9 @@ std::optional<RotationCalibration> refineRotation(const RotationState& start,
   residuals = whitenAll(*pairs, result.state, options.sigma_floor);
   result.residual_scale = residualScale(residuals);
   n = normalEquations(residuals, result.state, options, result.residual_scale, true);
-  result.covariance = n.H.llt().solve(Matrix13d::Identity());
+  const Matrix10d C = n.H.llt().solve(Matrix10d::Identity());
+  result.covariance =
+      C + hiddenParallax(*pairs, residuals, result.state, result.residual_scale, options.sigma_floor, C);
   int inliers = 0;
   for (const Whitened& w : residuals) {
     const double norm = w.residual.norm() / result.residual_scale;

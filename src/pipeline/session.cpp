@@ -155,7 +155,16 @@ void Session::checkPrior() {
   record_.forgetSteps();  // those away from the prior
 }
 
+// Before anything has converged a moved mount is one that is not where it was said to be.
 void Session::noteMovedMount() {
+  if (prior_ && prior_problem_.empty() && !record_.knowledge(CalibrationTrust::kConverged)) {
+    const Eigen::Matrix<double, 6, 1> off =
+        deviationFrom(prior_->T_imu_cam, estimator_->graph().calibration().T_BC());
+    const bool turned =
+        off.tail<3>().norm() / prior_->sigma_rotation > off.head<3>().norm() / prior_->sigma_translation;
+    prior_problem_ = turned ? rotationPriorProblem(off.tail<3>().norm(), prior_->sigma_rotation, false)
+                            : translationPriorProblem(off.head<3>().norm(), prior_->sigma_translation);
+  }
   prior_.reset();
   record_.noteMovedMount();
 }

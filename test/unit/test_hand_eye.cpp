@@ -271,19 +271,18 @@ TEST(RotationRefinement, JacobiansMatchDifferences) {
   RotationState state;
   state.R_BC = data.R_BC;
   state.td = setup.td;
-  state.steady_parallax << 0.1, -0.2, 0.05, 0.3, 0.1, -0.1;
+  state.lever_parallax << 0.1, -0.2, 0.05;
   for (RotationPair& original : data.pairs) {
-    original.by_steady_parallax.setRandom();
-    original.by_steady_parallax *= 0.1;
-    original.R_Ci_Cj =
-        original.R_Ci_Cj * expSo3((original.by_steady_parallax * state.steady_parallax).eval());
+    original.by_lever_parallax.setRandom();
+    original.by_lever_parallax *= 0.1;
+    original.R_Ci_Cj = original.R_Ci_Cj * expSo3((original.by_lever_parallax * state.lever_parallax).eval());
     const auto at = [&](const RotationState& s) {
       RotationPair pair = original;
       integratePair(s.gyroscope_bias, s.td, 0.0, &pair);
       return rotationResidual(pair, s);
     };
     const RotationResidual r = at(state);
-    for (int k = 0; k < 13; ++k) {
+    for (int k = 0; k < 10; ++k) {
       const double h = k == 6 ? 1e-4 : 1e-5;
       RotationState plus = state, minus = state;
       if (k < 3) {
@@ -296,8 +295,8 @@ TEST(RotationRefinement, JacobiansMatchDifferences) {
         plus.td += h;
         minus.td -= h;
       } else {
-        plus.steady_parallax(k - 7) += h;
-        minus.steady_parallax(k - 7) -= h;
+        plus.lever_parallax(k - 7) += h;
+        minus.lever_parallax(k - 7) -= h;
       }
       const Vector3d numeric = (at(plus).residual - at(minus).residual) / (2.0 * h);
       // td: the gyroscope is linear between samples, the difference quotient crosses them.

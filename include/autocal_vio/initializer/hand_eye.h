@@ -40,8 +40,11 @@ struct RotationPair {
   TimeNs end = 0;                                               ///< camera clock
   Eigen::Quaterniond R_Ci_Cj = Eigen::Quaterniond::Identity();  ///< from the camera
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();         ///< of its right perturbation [rad^2]
-  /// What the camera took for rotation of a parallax within its noise: d right perturbation / d SteadyParallax.
-  Eigen::Matrix<double, 3, 6> by_steady_parallax = Eigen::Matrix<double, 3, 6>::Zero();
+  /// What the camera took for rotation of a parallax within its noise: d right perturbation / d lever parallax, the position
+  /// of the camera in the IMU, in C, over the mean distance of the points [rad].
+  Eigen::Matrix3d by_lever_parallax = Eigen::Matrix3d::Zero();
+  /// The same by a parallax as large as the noise.
+  Eigen::Matrix3d by_hidden_parallax = Eigen::Matrix3d::Zero();
   GyroIncrement gyro;                                   ///< at gyro_bias
   Eigen::Vector3d gyro_bias = Eigen::Vector3d::Zero();  ///< the increment was integrated about [rad/s]
   double td = 0.0;                                      ///< and at [s]

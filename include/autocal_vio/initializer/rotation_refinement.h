@@ -13,21 +13,17 @@
 
 namespace autocal_vio {
 
-using Matrix13d = Eigen::Matrix<double, 13, 13>;
-using Vector13d = Eigen::Matrix<double, 13, 1>;
-
-/// Translation of the camera that all pairs share, over the mean distance of the points: first its position in the IMU, about
-/// which it turns [-], then its mean velocity [1/s]; both in C.
-using SteadyParallax = Eigen::Matrix<double, 6, 1>;
+using Matrix10d = Eigen::Matrix<double, 10, 10>;
+using Vector10d = Eigen::Matrix<double, 10, 1>;
 
 /// What a rotation pair depends on.
 struct RotationState {
   Eigen::Quaterniond R_BC = Eigen::Quaterniond::Identity();
   Eigen::Vector3d gyroscope_bias = Eigen::Vector3d::Zero();  ///< [rad/s]
   double td = 0.0;                                           ///< t_imu = t_cam + td [s]
-  /// Where parallax is too small for two views to tell it from rotation, it shifts all pairs alike: without it R_BC was off
-  /// by up to 15 of its sigmas, and the bias by 7.
-  SteadyParallax steady_parallax = SteadyParallax::Zero();
+  /// Position of the camera in the IMU, about which it turns, in C, over the mean distance of the points. Where two views
+  /// cannot tell that parallax from rotation it shifts all pairs alike: without it R_BC was off by up to 15 of its sigmas.
+  Eigen::Vector3d lever_parallax = Eigen::Vector3d::Zero();
 };
 
 struct RotationPrior {
@@ -43,7 +39,6 @@ struct RotationRefinementOptions {
   double sigma_td = 0.02;                      ///< of the prior [s]
   double max_td = 0.1;                         ///< td is kept within this of the prior [s]
   double sigma_lever_parallax = 0.15;          ///< of the prior: half a metre at some metres' distance [-]
-  double sigma_parallax_rate = 0.1;            ///< of the prior of the mean velocity: faster is clear [1/s]
   double sigma_floor = 2e-4;                   ///< error of a pair that its covariance does not know of [rad]
   int max_iterations = 15;
   std::optional<RotationPrior> rotation_prior;
@@ -52,9 +47,9 @@ struct RotationRefinementOptions {
 /// Residual of one pair, Log((R_Bi_Bj)^T R_BC R_Ci_Cj R_BC^T), and its derivatives.
 struct RotationResidual {
   Eigen::Vector3d residual = Eigen::Vector3d::Zero();  ///< [rad]
-  /// By the right perturbation of R_BC, gyroscope bias, td, steady parallax. The camera's rotation in it is that predicted from the
+  /// By the right perturbation of R_BC, gyroscope bias, td, lever parallax. The camera's rotation in it is that predicted from the
   /// gyroscope: the camera's noise would otherwise pass for rotation, and a rig at rest for one that turns.
-  Eigen::Matrix<double, 3, 13> jacobian = Eigen::Matrix<double, 3, 13>::Zero();
+  Eigen::Matrix<double, 3, 10> jacobian = Eigen::Matrix<double, 3, 10>::Zero();
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();  ///< of the residual [rad^2]
 };
 
@@ -68,8 +63,9 @@ double pairWeight(const RotationPair& pair, const RotationState& state, double r
 
 struct RotationCalibration {
   RotationState state;
-  /// Of R_BC (right), bias, td, steady parallax; scaled by the residuals.
-  Matrix13d covariance = Matrix13d::Zero();
+  /// Of R_BC (right), bias, td, lever parallax; scaled by the residuals. A steady translation that hides in the noise of all
+  /// pairs is counted.
+  Matrix10d covariance = Matrix10d::Zero();
   Eigen::Vector4d singular_values = Eigen::Vector4d::Zero();  ///< of Eq. (8) at the end, bias removed
   double cost = 0.0;            ///< robust sum of squared whitened residuals [-]
   double residual_scale = 1.0;  ///< residuals relative to what covariances promise, at least 1 [-]
