@@ -158,7 +158,8 @@ bool InitializationAttempt::align() {
   findings_.sigma_scale = alignment.sigma_scale;
   findings_.gravity_C0 = alignment.g_V;
   findings_.sigma_gravity = alignment.sigma_gravity;
-  if (!input_.hold_translation) {
+  // These steps know the IMU's noise from the rig file alone: what was given beforehand stays until the batch says better.
+  if (!input_.hold_translation && !input_.prior) {
     findings_.p_BC = alignment.p_BC;
     findings_.sigma_p_BC = alignment.sigma_p_BC;
   }
