@@ -402,7 +402,7 @@ ExtrinsicsPrior wrongPrior(const Transform& truth, std::uint64_t seed) {
 }
 
 TEST(InitializerMonteCarlo, RightPriorsAreConfirmed) {
-  const std::vector<Outcome> outcomes = runSeeds(seeds(8), euroc, {false, rightPrior});
+  const std::vector<Outcome> outcomes = runSeeds(seeds(4), euroc, {false, rightPrior});
   summarize("right priors", outcomes);
   const auto called_wrong = [](const Outcome& o) { return o.prior_wrong; };
   EXPECT_LE(static_cast<double>(std::count_if(outcomes.begin(), outcomes.end(), called_wrong)),
@@ -418,7 +418,7 @@ TEST(InitializerMonteCarlo, WrongPriorsAreFoundOut) {
     simulation.motion.duration = 30.0;
     return simulation;
   };
-  const std::vector<Outcome> outcomes = runSeeds(seeds(12), longer, {false, wrongPrior});
+  const std::vector<Outcome> outcomes = runSeeds(seeds(6), longer, {false, wrongPrior});
   summarize("wrong priors", outcomes);
   for (const Outcome& o : outcomes) EXPECT_TRUE(o.prior_wrong) << o.last_reason;
   const std::vector<Outcome> claims = claimed(outcomes);

@@ -17,7 +17,7 @@ using Eigen::Vector3d;
 
 constexpr double kDegree = 3.14159265358979323846 / 180.0;
 #ifdef AUTOCAL_VIO_OPTIMIZED
-constexpr int kSeeds = 20, kFewSeeds = 10;
+constexpr int kSeeds = 20, kFewSeeds = 5;
 #else
 constexpr int kSeeds = 3, kFewSeeds = 2;
 #endif
