@@ -94,10 +94,13 @@ void ExtrinsicMonitor::judge() {
     advice_ = "rotate quickly to and fro about all axes";
   } else if (!converged_ && toSeconds(now.stamp - history_.front().stamp) < options_.stable_time) {
     why << "accurate enough, watching whether it stays";
+    advice_ = "go on moving";
   } else if (!converged_) {
     const double step = largestStep(history_.front(), now, sigma);
-    if (!(step < options_.max_step_sigmas))
+    if (!(step < options_.max_step_sigmas)) {
       why << "still moving: " << step << " sigma within " << options_.stable_time << " s";
+      advice_ = "go on moving";
+    }
   }
   reason_ = why.str();
   converged_ = reason_.empty();

@@ -346,6 +346,7 @@ void RotationCalibrator::judge(const RotationCalibration& solution) {
     e.motion_advice = rotationAdvice(excitation, std::numeric_limits<double>::infinity());
   } else if (recent_.size() < kStableSolutions || spread > 3.0 * limit) {
     e.reason = withNumber("the last estimates still differ by %.2f deg", spread / kDegree);
+    e.motion_advice = "go on turning the rig about two axes";
   } else {
     e.accepted = true;
     e.reason = withNumber("the rotation is known to %.2f deg", worst / kDegree);

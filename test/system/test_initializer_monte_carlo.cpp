@@ -491,6 +491,7 @@ TEST(InitializerMonteCarlo, DegenerateMotionKeepsThePriorOfWhatItDoesNotDetermin
                 outcomes.size(), outcomes.front().last_reason.c_str());
     EXPECT_EQ(claims, 0U);
     EXPECT_GE(shareWithin3Sigma(outcomes, [](const Outcome& o) { return o.last; }), 0.9) << kind;
+    for (const Outcome& outcome : outcomes) EXPECT_FALSE(outcome.prior_wrong) << kind << outcome.last_reason;
   }
 }
 
