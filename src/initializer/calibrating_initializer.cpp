@@ -21,23 +21,28 @@ std::size_t countCommonTracks(const FeatureFrame& a, const FeatureFrame& b) {
   return count;
 }
 
+const char* priorContradicted(const ExtrinsicsPrior& prior) {
+  return prior.from_session ? "the extrinsics of before the restart hold no longer"
+                            : "the extrinsics given beforehand are WRONG";
+}
+
 }  // namespace
 
-std::string rotationPriorProblem(double angle, double sigma, bool held) {
+std::string rotationPriorProblem(double angle, const ExtrinsicsPrior& prior, bool held) {
   constexpr double kDegrees = 180.0 / 3.14159265358979323846;
   std::ostringstream text;
   text.precision(3);
-  text << "the extrinsics given beforehand are WRONG: their rotation is " << angle * kDegrees
-       << " deg off what images and gyroscope say (sigma given: " << sigma * kDegrees << " deg); they are "
-       << (held ? "held all the same" : "not used any more");
+  text << priorContradicted(prior) << ": their rotation is " << angle * kDegrees
+       << " deg off what images and gyroscope say (sigma: " << prior.sigma_rotation * kDegrees
+       << " deg); they are " << (held ? "held all the same" : "not used any more");
   return text.str();
 }
 
-std::string translationPriorProblem(double distance, double sigma) {
+std::string translationPriorProblem(double distance, const ExtrinsicsPrior& prior) {
   std::ostringstream text;
   text.precision(3);
-  text << "the extrinsics given beforehand are WRONG: their translation is " << 100.0 * distance
-       << " cm off what images and IMU say (sigma given: " << 100.0 * sigma
+  text << priorContradicted(prior) << ": their translation is " << 100.0 * distance
+       << " cm off what images and IMU say (sigma: " << 100.0 * prior.sigma_translation
        << " cm); they are not used any more";
   return text.str();
 }
@@ -76,12 +81,11 @@ void CalibratingInitializer::hold(bool rotation, bool translation, bool time_off
 
 double CalibratingInitializer::td() const {
   if (held_td_) return *held_td_;
-  return status_.rotation_known && status_.rotation.accepted ? status_.rotation.td : time_offset_prior_.td;
+  return status_.rotation.consistent ? status_.rotation.td : time_offset_prior_.td;
 }
 
 double CalibratingInitializer::sigmaTd() const {
-  const bool estimated = !held_td_ && status_.rotation_known && status_.rotation.accepted;
-  return estimated ? status_.rotation.sigma_td : time_offset_prior_.sigma_td;
+  return status_.rotation.consistent && !held_td_ ? status_.rotation.sigma_td : time_offset_prior_.sigma_td;
 }
 
 std::optional<Eigen::Quaterniond> CalibratingInitializer::rotation() const {
@@ -156,7 +160,7 @@ void CalibratingInitializer::addKeyframe(const FeatureFrame& frame, const ImuBuf
 void CalibratingInitializer::checkPrior() {
   const std::optional<double>& angle = rotation_calibrator_.priorContradiction();
   if (!prior_ || !angle) return;
-  prior_problem_ = rotationPriorProblem(*angle, prior_->sigma_rotation, hold_rotation_ || hold_translation_);
+  prior_problem_ = rotationPriorProblem(*angle, *prior_, hold_rotation_ || hold_translation_);
   if (hold_rotation_ || hold_translation_) return;
   outdateAttempt();
   // Whoever is wrong about the rotation is not to be trusted with the translation.
@@ -164,6 +168,7 @@ void CalibratingInitializer::checkPrior() {
   rotation_calibrator_.dropRotationPrior();
   status_.p_BC.setZero();
   status_.sigma_p_BC.setConstant(InitializerStatus().sigma_p_BC.x());
+  status_.from_batch = false;
 }
 
 void CalibratingInitializer::checkHeldRotation(const FeatureFrame& frame, const ImuBuffer& imu) {
@@ -245,13 +250,15 @@ void CalibratingInitializer::conclude(const InitializationAttempt& attempt) {
   if (attempt.solved() && !first_solution_) first_solution_ = last_attempt_;
   attempt_pause_ = options_.attempt_interval * attempt.patience();
   if (attempt.priorContradiction())
-    prior_problem_ = translationPriorProblem(*attempt.priorContradiction(), prior_->sigma_translation);
+    prior_problem_ = translationPriorProblem(*attempt.priorContradiction(), *prior_);
   if (!status_.reason.empty() && prior_ && !status_.rotation.accepted) doubtPrior();
 }
 
 // An attempt may have failed for a rotation given beforehand that the motion can neither confirm nor contradict.
 void CalibratingInitializer::doubtPrior() {
-  status_.reason += "; the rotation given beforehand is not confirmed: " + status_.rotation.reason;
+  status_.reason +=
+      prior_->from_session ? "; the rotation of before the restart" : "; the rotation given beforehand";
+  status_.reason += " is not confirmed: " + status_.rotation.reason;
   if (!status_.rotation.motion_advice.empty()) status_.motion_advice += "; " + status_.rotation.motion_advice;
 }
 

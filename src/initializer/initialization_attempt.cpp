@@ -19,8 +19,10 @@ constexpr double kStructureSigmaRotation = 0.001;  // [rad]
 constexpr double kLargestNoiseFactor = 40.0;       // accelerometer or gyroscope against its rig file
 // Vibration does to a gyroscope far less than to an accelerometer (2 to 5 against 12 to 20 in flight): more is a wrong fit.
 constexpr double kLargestGyroNoiseFactor = 10.0;
+constexpr double kVibration = 12.0;  // times the rig file: an accelerometer's noise in flight
 constexpr double kSigmaInflation =
     1.4;  // tracking errors are correlated in time: white-noise sigmas are too small
+constexpr double kLinearScale = 0.2;     // relative sigma up to which a covariance tells the errors of lengths
 constexpr double kOutlierPx = 4.0;        // [px] after the first solve
 constexpr double kLargestPixelRms = 2.0;  // [px] of an acceptable solution
 constexpr double kLargestAccelBias =
@@ -129,7 +131,10 @@ bool InitializationAttempt::reconstruct() {
     R_VC.push_back(
         (R_VC.back() * input_.R_BC.conjugate() * pre.increment().rotation * input_.R_BC).normalized());
   structure_ = structureFromMotion(input_.keyframes, R_VC, StructureOptions());
-  if (!structure_.ok()) return fail(structure_.failure, "move the camera sideways as well as turning it");
+  if (!structure_.ok())
+    return fail(structure_.failure, structure_.tracks_missing
+                                        ? "move more slowly, towards more texture and light"
+                                        : "move the camera sideways as well as turning it");
   for (std::size_t i = 0; i < input_.keyframes.size(); ++i) {
     const Transform& T_VC = structure_.T_VC[i];
     poses_.push_back({input_.keyframes[i].stamp + fromSeconds(input_.td), T_VC.rotation, T_VC.translation});
@@ -154,18 +159,23 @@ bool InitializationAttempt::align() {
   const Alignment& alignment = alignment_;
   if (!alignment.ok()) return fail(alignment.failure, advice);
   velocities_V_ = keyframeVelocities(input, alignment);
-  findings_.scale = alignment.scale;
-  findings_.sigma_scale = alignment.sigma_scale;
-  findings_.gravity_C0 = alignment.g_V;
-  findings_.sigma_gravity = alignment.sigma_gravity;
-  // These steps know the IMU's noise from the rig file alone: what was given beforehand stays until the batch says better.
-  if (!input_.hold_translation && !input_.prior) {
-    findings_.p_BC = alignment.p_BC;
-    findings_.sigma_p_BC = alignment.sigma_p_BC;
-  }
-  findings_.accelerometer_bias = alignment.accelerometer_bias;
-  findings_.sigma_accelerometer_bias = alignment.sigma_bias;
+  if (!findings_.from_batch) reportAlignment();
   return true;
+}
+
+// These steps know the IMU's noise from the rig file alone, which tells nothing of vibration: their sigmas allow for as
+// much of it as there may be, and what was given beforehand stays until the batch says better.
+void InitializationAttempt::reportAlignment() {
+  findings_.scale = alignment_.scale;
+  findings_.sigma_scale = kVibration * alignment_.sigma_scale;
+  findings_.gravity_C0 = alignment_.g_V;
+  findings_.sigma_gravity = kVibration * alignment_.sigma_gravity;
+  if (!input_.hold_translation && !input_.prior) {
+    findings_.p_BC = alignment_.p_BC;
+    findings_.sigma_p_BC = (kVibration * alignment_.sigma_p_BC).cwiseMin(kPriorSigmaTranslation);
+  }
+  findings_.accelerometer_bias = alignment_.accelerometer_bias;
+  findings_.sigma_accelerometer_bias = (kVibration * alignment_.sigma_bias).cwiseMin(kPriorSigmaAccelBias);
 }
 
 InitializedProblem InitializationAttempt::buildProblem() const {
@@ -248,14 +258,14 @@ bool InitializationAttempt::judge(const InitializedProblem& problem) {
   if (why.str().empty() && !(bias < kLargestAccelBias))
     why << "the accelerometer's bias came out as " << bias << " m/s^2, which no sound sensor has";
   misfit_ = !why.str().empty() && sigma_scale < input_.max_sigma_scale;
-  if (!why.str().empty()) return fail(why.str(), advice);
-  reportBatch(problem.graph, *covariance);
-  findings_.sigma_scale = sigma_scale;
-  fail("", "");
-  return true;
+  if (!misfit_ && sigma_scale < kLinearScale) {
+    reportBatch(problem.graph, *covariance);
+    findings_.sigma_scale = sigma_scale;
+  }
+  return why.str().empty() ? !fail("", "") : fail(why.str(), advice);
 }
 
-// The batch knows scale and gravity better than the linear steps, and its covariance holds for its own values.
+// The batch knows all of it better than the linear steps, and its covariance holds for its own values.
 void InitializationAttempt::reportBatch(const VisualInertialGraph& graph, const GraphCovariance& covariance) {
   const Transform T_BC = graph.calibration().T_BC();
   std::vector<Eigen::Vector3d> refined, structure;
@@ -272,6 +282,17 @@ void InitializationAttempt::reportBatch(const VisualInertialGraph& graph, const 
   findings_.sigma_gravity =
       kSigmaInflation *
       std::sqrt(Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(tilt).eigenvalues().cwiseMax(0.0).maxCoeff());
+  const auto sigmaOf = [](const Eigen::MatrixXd& block) -> Eigen::Vector3d {
+    return kSigmaInflation * block.diagonal().tail<3>().cwiseMax(0.0).cwiseSqrt();
+  };
+  if (!input_.hold_translation) {
+    findings_.p_BC = T_BC.translation;
+    findings_.sigma_p_BC = sigmaOf(covariance.block({-1, BlockKind::kExtrinsicTranslation}));
+  }
+  const FrameState& last = graph.frames().back();
+  findings_.accelerometer_bias = last.bias().accelerometer;
+  findings_.sigma_accelerometer_bias = sigmaOf(covariance.block({last.id, BlockKind::kMotion}));
+  findings_.from_batch = true;
 }
 
 }  // namespace autocal_vio

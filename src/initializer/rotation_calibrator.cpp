@@ -115,16 +115,33 @@ void RotationCalibrator::dropRotationPrior() {
 }
 
 const FeatureFrame* RotationCalibrator::partnerOf(const FeatureFrame& frame) const {
-  // The longest span first: rotation grows with it, noise does not.
-  const std::size_t needed =
-      std::max(static_cast<std::size_t>(options_.min_tracks), frame.features.size() / 2);
+  // The longest span first: rotation grows with it, noise does not. Where tracks are short, few of them have to do.
+  const std::size_t fewest = static_cast<std::size_t>(options_.min_tracks);
+  const std::size_t half = std::max(fewest, frame.features.size() / 2);
+  const FeatureFrame* with_few = nullptr;
   for (const FeatureFrame& candidate : frames_) {
     const double span = toSeconds(frame.stamp - candidate.stamp);
     if (span > options_.max_span + 1e-6) continue;
-    if (span < options_.min_span - 1e-6) return nullptr;
-    if (countCommon(candidate, frame) >= needed) return &candidate;
+    if (span < options_.min_span - 1e-6) break;
+    const std::size_t common = countCommon(candidate, frame);
+    if (common >= half) return &candidate;
+    if (common >= fewest) with_few = &candidate;
   }
-  return nullptr;
+  return with_few;
+}
+
+// Images that are not far enough apart yet are no problem, those without common points are.
+void RotationCalibrator::refusePair(const FeatureFrame& frame) {
+  const bool short_tracks = !frames_.empty() && toSeconds(frame.stamp - frames_.front().stamp) >
+                                                    options_.max_span - options_.pair_interval;
+  if (frame.features.size() < static_cast<std::size_t>(options_.min_tracks)) {
+    pair_problem_ = "too few points are tracked";
+  } else if (short_tracks) {
+    pair_problem_ = withNumber("too few points are tracked for %.2f s", options_.min_span);
+  } else {
+    return;
+  }
+  ++refused_pairs_;
 }
 
 void RotationCalibrator::addFrame(const FeatureFrame& frame, const ImuBuffer& imu) {
@@ -136,9 +153,8 @@ void RotationCalibrator::addFrame(const FeatureFrame& frame, const ImuBuffer& im
     if (const FeatureFrame* partner = partnerOf(frame)) {
       last_pair_ = frame.stamp;
       addPair(*partner, frame, imu);
-    } else if (frame.features.size() < static_cast<std::size_t>(options_.min_tracks)) {
-      pair_problem_ = "too few points are tracked";
-      ++refused_pairs_;
+    } else {
+      refusePair(frame);
     }
   }
   frames_.push_back(frame);
@@ -181,6 +197,8 @@ void RotationCalibrator::addPair(const FeatureFrame& first, const FeatureFrame& 
   const Matrix3d& by_parallax = result.rotation->rotation_by_parallax;
   pair.by_lever_parallax = by_parallax * (pair.R_Ci_Cj.toRotationMatrix() - Matrix3d::Identity());
   pair.by_hidden_parallax = by_parallax * result.rotation->sigma;
+  pair.covariance +=
+      kHiddenSway * kHiddenSway * pair.by_hidden_parallax * pair.by_hidden_parallax.transpose();
   pending_.push_back(pair);
 }
 
@@ -236,6 +254,7 @@ void RotationCalibrator::solve() {
   estimate_.accepted = false;
   if (refused_pairs_ > 10) {
     estimate_.reason = "images give no rotation: " + pair_problem_;
+    estimate_.motion_advice = "move more slowly, towards more texture and light";
     return;
   }
   if (pairs_.size() < static_cast<std::size_t>(options_.min_pairs)) {
@@ -324,6 +343,7 @@ void RotationCalibrator::judge(const RotationCalibration& solution) {
   const Matrix3d covariance_B = R * e.covariance * R.transpose();
   for (int k = 0; k < 3; ++k) e.axis_observable[k] = std::sqrt(covariance_B(k, k)) < kObservable * limit;
 
+  e.consistent = excitation.principal(0) >= enough && explainsResiduals(solution);
   recent_.push_back(e.R_BC);
   if (recent_.size() > kStableSolutions) recent_.pop_front();
   double spread = 0.0;

@@ -15,6 +15,7 @@ using Eigen::Vector3d;
 
 constexpr double kHuber = 2.0;         // of a whitened residual of three components
 constexpr double kTukey = 6.0;         // the same
+constexpr double kSwayTime = 0.5;      // [s]
 constexpr double kMedianChi2 = 2.366;  // median of chi-squared with three degrees of freedom
 
 struct Whitened {
@@ -71,11 +72,13 @@ struct NormalEquations {
   Vector10d g = Vector10d::Zero();
 };
 
-// What a steady translation adds to the covariance `C` = H^-1 of the solution: as large as the noise it shows in no pair,
-// the same in all of them. Considered, not estimated: noise would pass for it.
+// What a translation adds to the covariance `C` = H^-1 of the solution that no pair shows: a steady one, as large as the
+// noise, and one that sways, twice as large. Considered, not estimated: noise would pass for it.
 Matrix10d hiddenParallax(const std::vector<RotationPair>& pairs, const std::vector<Whitened>& residuals,
                          const RotationState& state, double scale, double floor, const Matrix10d& C) {
-  Eigen::Matrix<double, 10, 3> sum = Eigen::Matrix<double, 10, 3>::Zero();
+  using Matrix10x3d = Eigen::Matrix<double, 10, 3>;
+  Matrix10x3d steady = Matrix10x3d::Zero(), swaying = Matrix10x3d::Zero();
+  Matrix10d by_sway = Matrix10d::Zero();
   const Matrix3d R_BC = state.R_BC.toRotationMatrix();
   for (std::size_t i = 0; i < pairs.size(); ++i) {
     const double weight = tukeyWeight(residuals[i].residual.norm() / scale) / (scale * scale);
@@ -83,10 +86,14 @@ Matrix10d hiddenParallax(const std::vector<RotationPair>& pairs, const std::vect
         rotationResidual(pairs[i], state).covariance + floor * floor * Matrix3d::Identity();
     const Eigen::LLT<Matrix3d> factor(covariance);
     const Matrix3d by_hidden = factor.matrixL().solve(R_BC * pairs[i].by_hidden_parallax);
-    sum.noalias() += weight * residuals[i].jacobian.transpose() * by_hidden;
+    const Matrix10x3d pair = weight * residuals[i].jacobian.transpose() * by_hidden;
+    steady += pair;
+    // sum_ij exp(-|t_i - t_j| / tau) A_i A_j^T, by what is left of all pairs before.
+    if (i > 0) swaying *= std::exp(-toSeconds(pairs[i].end - pairs[i - 1].end) / kSwayTime);
+    by_sway += pair * (pair + swaying).transpose() + swaying * pair.transpose();
+    swaying += pair;
   }
-  const Eigen::Matrix<double, 10, 3> moved = C * sum;
-  return moved * moved.transpose();
+  return C * (steady * steady.transpose() + kHiddenSway * kHiddenSway * by_sway) * C;
 }
 
 // In units of the priors' sigmas; the pairs' part is divided by `scale` squared.

@@ -227,11 +227,18 @@ StructureResult structureFromMotion(const std::vector<FeatureFrame>& keyframes,
       selectTracks(keyframes, options.min_track_length, options.features_per_keyframe);
   result.tracks_used = static_cast<int>(tracks.size());
   result.failure = checkTracks(tracks, keyframes.size(), options);
+  result.tracks_missing = !result.ok();
   if (!result.ok()) return result;
 
   std::vector<Quaterniond> R_0C;
   for (const Quaterniond& rotation : R_VC) R_0C.push_back((R_VC[0].conjugate() * rotation).normalized());
-  result.parallax_px = translationalParallaxPx(keyframes, R_0C);
+  const std::optional<double> parallax_px = translationalParallaxPx(keyframes, R_0C);
+  result.tracks_missing = !parallax_px;
+  if (!parallax_px) {
+    result.failure = "no two keyframes see enough points in common: tracks are too short";
+    return result;
+  }
+  result.parallax_px = *parallax_px;
   if (result.parallax_px < options.min_parallax_px) {
     std::ostringstream reason;
     reason << "the camera has not translated enough: parallax " << result.parallax_px << " px, needs "

@@ -112,16 +112,16 @@ std::vector<StructureTrack> selectTracks(const std::vector<FeatureFrame>& keyfra
   return selected;
 }
 
-double translationalParallaxPx(const std::vector<FeatureFrame>& keyframes,
-                               const std::vector<Quaterniond>& R_VC) {
-  double largest = 0.0;
+std::optional<double> translationalParallaxPx(const std::vector<FeatureFrame>& keyframes,
+                                              const std::vector<Quaterniond>& R_VC) {
+  std::optional<double> largest;
   for (std::size_t i = 0; i + 1 < keyframes.size(); ++i) {
     for (std::size_t j = keyframes.size() - 1; j > i; --j) {
       const std::vector<Pair> pairs = commonTracks(keyframes[i], keyframes[j]);
       const double needed = std::max<double>(
           kMinCommonTracks, kMinCommonShare * static_cast<double>(keyframes[i].features.size()));
       if (static_cast<double>(pairs.size()) < needed) continue;
-      largest = std::max(largest, rotationFitPx(pairs, R_VC[j].conjugate() * R_VC[i]));
+      largest = std::max(largest.value_or(0.0), rotationFitPx(pairs, R_VC[j].conjugate() * R_VC[i]));
       break;
     }
   }

@@ -126,6 +126,7 @@ void CalibrationRecord::judge(const SlidingWindowEstimator& estimator, TimeNs st
 void CalibrationRecord::remember(const SlidingWindowEstimator& estimator) {
   const Vector6d sigma = extrinsic_covariance_.diagonal().cwiseMax(0.0).cwiseSqrt();
   CalibrationKnowledge knowledge;
+  knowledge.extrinsics.from_session = true;
   knowledge.extrinsics.T_imu_cam = estimator.graph().calibration().T_BC();
   knowledge.extrinsics.sigma_translation = std::max(kMinSigmaTranslation, sigma.head<3>().maxCoeff());
   knowledge.extrinsics.sigma_rotation = std::max(kMinSigmaRotation, sigma.tail<3>().maxCoeff());

@@ -56,7 +56,8 @@ Session::Session(double focal_length, const RigModel& rig, const VioOptions& opt
       record_(rig, options, focal_length),
       last_pose_(start_pose),
       intrinsics_share_(intrinsicsShare(rig, focal_length)),
-      prior_(rig.extrinsics_prior) {
+      prior_(rig.extrinsics_prior),
+      given_(prior_ && !prior_->from_session) {
   initializer_ = std::make_unique<CalibratingInitializer>(
       focal_length, rig.imu_noise, rig.extrinsics_prior, rig.time_offset_prior, options.initializer,
       options.rotation_calibrator, graphOptions(options.estimator));
@@ -78,7 +79,6 @@ bool Session::process(const FeatureFrame& frame, const ImuBuffer& imu, VioUpdate
   } else {
     lose(result, update);
   }
-  remark(update);
   update->times.optimization_ms += clock.elapsedMs();
   return result.healthy;
 }
@@ -121,7 +121,6 @@ bool Session::initialize(const FeatureFrame& frame, const ImuBuffer& imu, VioUpd
   } else {
     fillFromInitializer(update);
   }
-  remark(update);
   return result.healthy;
 }
 
@@ -145,9 +144,9 @@ void Session::checkPrior() {
   const Eigen::Matrix<double, 6, 1>& deviation = record_.dataDeviation();
   const Matrix6d covariance = record_.dataCovariance() + intrinsics_share_;
   if (!hold_rotation_ && contradicts(deviation, covariance, 3, prior_->sigma_rotation)) {
-    prior_problem_ = rotationPriorProblem(deviation.tail<3>().norm(), prior_->sigma_rotation, false);
+    prior_problem_ = rotationPriorProblem(deviation.tail<3>().norm(), *prior_, false);
   } else if (!hold_translation_ && contradicts(deviation, covariance, 0, prior_->sigma_translation)) {
-    prior_problem_ = translationPriorProblem(deviation.head<3>().norm(), prior_->sigma_translation);
+    prior_problem_ = translationPriorProblem(deviation.head<3>().norm(), *prior_);
   } else {
     return;
   }
@@ -155,22 +154,19 @@ void Session::checkPrior() {
   record_.forgetSteps();  // those away from the prior
 }
 
-// Before anything has converged a moved mount is one that is not where it was said to be.
+// Before anything has converged a moved mount is one that is not where the user said that it was.
 void Session::noteMovedMount() {
-  if (prior_ && prior_problem_.empty() && !record_.knowledge(CalibrationTrust::kConverged)) {
+  if (prior_ && !prior_->from_session && prior_problem_.empty() &&
+      !record_.knowledge(CalibrationTrust::kConverged)) {
     const Eigen::Matrix<double, 6, 1> off =
         deviationFrom(prior_->T_imu_cam, estimator_->graph().calibration().T_BC());
     const bool turned =
         off.tail<3>().norm() / prior_->sigma_rotation > off.head<3>().norm() / prior_->sigma_translation;
-    prior_problem_ = turned ? rotationPriorProblem(off.tail<3>().norm(), prior_->sigma_rotation, false)
-                            : translationPriorProblem(off.head<3>().norm(), prior_->sigma_translation);
+    prior_problem_ = turned ? rotationPriorProblem(off.tail<3>().norm(), *prior_, false)
+                            : translationPriorProblem(off.head<3>().norm(), *prior_);
   }
   prior_.reset();
   record_.noteMovedMount();
-}
-
-void Session::remark(VioUpdate* update) const {
-  if (!prior_problem_.empty()) update->reason = prior_problem_ + "; " + update->reason;
 }
 
 void Session::startEstimator(InitializedProblem problem, TimeNs stamp) {

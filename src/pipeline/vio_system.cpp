@@ -189,6 +189,7 @@ class VioSystem::Impl {
       update_.state = VioState::kLost;
       update_.reason = lost_because_ + "; starting again: " + update_.reason;
     }
+    remark();
     const std::string imu_problem = imu_plausibility_.problem();
     if (!imu_problem.empty()) update_.reason = imu_problem + "; " + update_.reason;
     ++counters_.images_processed;
@@ -196,15 +197,26 @@ class VioSystem::Impl {
     sink_(update_);
   }
 
-  // What the data have contradicted must not come back with the next session.
+  // What the data have contradicted must not come back with the next session. Where that was a session's own estimate, the
+  // mount has moved, and what the user has given says less.
   void doubtPriors() {
+    const bool contradicted = session_->priorContradicted();
+    if (contradicted && session_->priorGiven()) given_problem_ = session_->priorProblem();
     for (RigModel* rig : {&rig_, &session_rig_}) {
       if (!rig->extrinsics_prior) continue;
-      if (session_->priorContradicted())
+      if (contradicted && rig->extrinsics_prior->from_session != session_->priorGiven())
         rig->extrinsics_prior.reset();
-      else if (session_->mountMayHaveMoved())
+      else if (contradicted || session_->mountMayHaveMoved())
         rig->extrinsics_prior = withinABump(*rig->extrinsics_prior);
     }
+  }
+
+  // The user has to mend the file: that is said for as long as the process runs.
+  void remark() {
+    if (!session_->priorProblem().empty())
+      update_.reason = session_->priorProblem() + "; " + update_.reason;
+    else if (!given_problem_.empty())
+      update_.reason = given_problem_ + "; " + update_.reason;
   }
 
   FeatureFrame track(const PendingFrame& pending) {
@@ -242,6 +254,7 @@ class VioSystem::Impl {
   std::optional<TimeNs> last_processed_;
   std::vector<std::pair<std::int64_t, int>> ages_;  ///< of the tracks in the last image, by ascending id
   std::string lost_because_;
+  std::string given_problem_;  ///< what was wrong with the extrinsics that the user gave, in words
   VioCounters counters_;
   VioUpdate update_;
 };

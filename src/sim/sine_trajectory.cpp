@@ -46,6 +46,8 @@ SineTrajectory::SineTrajectory(const SineTrajectoryOptions& options) : options_(
     throw std::invalid_argument("trajectory: duration must be within (0, 1e6) s");
   if (!(options.still_time >= 0.0) || !(options.ramp_time >= 0.0))
     throw std::invalid_argument("trajectory: still_time and ramp_time must not be negative");
+  if (!(options.translation_factor >= 0.0 && options.translation_factor <= 100.0))
+    throw std::invalid_argument("trajectory: translation_factor must be within [0, 100]");
   if (!(options.speed_factor > 0.0 && options.speed_factor < 100.0))
     throw std::invalid_argument("trajectory: speed_factor must be within (0, 100)");
   drawPosition();
@@ -92,6 +94,9 @@ void SineTrajectory::drawPosition() {
       position_ = free;
       break;
   }
+  drift_ *= options_.translation_factor;
+  for (Sum& axis : position_)
+    for (Sine& sine : axis) sine.amplitude *= options_.translation_factor;
 }
 
 void SineTrajectory::drawRotation() {

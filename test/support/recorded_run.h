@@ -13,6 +13,7 @@
 #include "autocal_vio/sim/recorded_trajectory.h"
 #include "autocal_vio/tools/calibration_run.h"
 #include "autocal_vio/tools/open_dataset.h"
+#include "calibration_error.h"
 #include "system_run.h"
 
 namespace autocal_vio {
@@ -28,8 +29,9 @@ struct RecordedOutcome {
   CalibrationRunResult result;
   double first_odometry_s = std::numeric_limits<double>::infinity();  ///< after the first image
   double rotation_deg = 1e3, translation_m = 1e3;                     ///< at the end
-  double ate_m = 1e3;          ///< RMSE after alignment of yaw and position
-  double largest_gap_s = 0.0;  ///< between poses
+  double error_in_sigmas = 1e3;  ///< of the worst axis at the end, in its own
+  double ate_m = 1e3;            ///< RMSE after alignment of yaw and position
+  double largest_gap_s = 0.0;    ///< between poses
   double cpu_seconds = 0.0;
 };
 
@@ -70,14 +72,16 @@ inline RecordedOutcome runRecorded(const std::string& mav0, bool true_extrinsics
   const Transform& final = rows.back().calibration.T_imu_cam;
   outcome.rotation_deg = truth.rotation.angularDistance(final.rotation) * kToDegrees;
   outcome.translation_m = (final.translation - truth.translation).norm();
+  outcome.error_in_sigmas = errorInSigmas(rows.back().calibration, truth);
   outcome.ate_m = absoluteTrajectoryError(estimated, true_positions);
   outcome.cpu_seconds = outcome.result.timings.cpu_seconds;
   std::printf(
-      "%s: %zu images, first odometry after %.2f s, rotation %.3f deg, translation %.1f mm, ATE %.3f m, "
+      "%s: %zu images, first odometry after %.2f s, rotation %.3f deg, translation %.1f mm, %.1f sigma, ATE "
+      "%.3f m, "
       "largest gap %.2f s, %.1f s CPU, %s\n",
       true_extrinsics_as_prior ? "with the true extrinsics as prior" : "from nothing", rows.size(),
-      outcome.first_odometry_s, outcome.rotation_deg, 1e3 * outcome.translation_m, outcome.ate_m,
-      outcome.largest_gap_s, outcome.cpu_seconds, toString(rows.back().state));
+      outcome.first_odometry_s, outcome.rotation_deg, 1e3 * outcome.translation_m, outcome.error_in_sigmas,
+      outcome.ate_m, outcome.largest_gap_s, outcome.cpu_seconds, toString(rows.back().state));
   return outcome;
 }
 

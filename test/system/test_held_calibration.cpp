@@ -124,6 +124,25 @@ TEST(HeldCalibration, APriorIsShownWithItsSigmaUntilTheFirstEstimate) {
   }
 }
 
+// Whoever looks after the interruption has to learn it, too; and what is used then is not what was given.
+TEST(HeldCalibration, AWrongPriorIsNamedAfterALossToo) {
+  Stream stream = eurocStream(1, 16.0);
+  stream.removeImu(9.0, 11.0);
+  RigModel rig = rigWithPrior(stream.data(), 10.0, 0.05);
+  rig.extrinsics_prior->sigma_rotation = 1.0 * kRadian;
+  const FaultRun run = runStream(stream, rig, VioOptions());
+  printStates(run);
+  EXPECT_NE(run.before(9.0).update.reason.find("given beforehand are WRONG"), std::string::npos);
+  EXPECT_EQ(run.last().update.counters.resets, 1U);
+  for (const FaultRecord& r : run.between(11.0, 16.0)) {
+    const std::size_t named = r.update.reason.find("given beforehand are WRONG");
+    ASSERT_NE(named, std::string::npos) << r.time << " " << r.update.reason;
+    EXPECT_EQ(r.update.reason.find("WRONG", named + 30), std::string::npos) << r.update.reason;
+    EXPECT_EQ(r.update.reason.find("before the restart"), std::string::npos) << r.update.reason;
+  }
+  EXPECT_LT(rotationErrorDeg(run.last().update, stream.data()), 0.3);
+}
+
 TEST(HeldCalibration, APriorThatTheDataContradictIsDroppedLoudly) {
   for (std::uint64_t seed = 1; seed <= 2; ++seed) {
     const Stream stream = eurocStream(seed, 18.0);

@@ -208,6 +208,27 @@ TEST(StructureFromMotion, NamesTooFewTracksAndKeyframes) {
   EXPECT_NE(solve(two).failure.find("15 keyframes but 2 rotations"), std::string::npos) << solve(two).failure;
 }
 
+TEST(StructureFromMotion, TracksThatDoNotLastAreNotCalledStandingStill) {
+  StructureScene scene = makeStructureScene(StructureSceneOptions());
+  std::int64_t fresh = 1000000;
+  for (FeatureFrame& keyframe : scene.keyframes) {
+    std::vector<Feature> lasting, lost;
+    for (Feature feature : keyframe.features) {
+      if (feature.track_id % 5 == 0) {
+        lasting.push_back(feature);
+      } else {
+        feature.track_id = fresh++;
+        lost.push_back(feature);
+      }
+    }
+    keyframe.features = lasting;
+    keyframe.features.insert(keyframe.features.end(), lost.begin(), lost.end());
+  }
+  const StructureResult result = solve(scene);
+  EXPECT_NE(result.failure.find("tracks are too short"), std::string::npos) << result.failure;
+  EXPECT_TRUE(result.tracks_missing);
+}
+
 TEST(StructureFromMotion, RefusesWhatIsNotFinite) {
   const StructureScene scene = makeStructureScene(StructureSceneOptions());
   const double nan = std::numeric_limits<double>::quiet_NaN();

@@ -113,6 +113,20 @@ TEST(SineTrajectory, RefusesImpossibleOptions) {
   EXPECT_THROW(SineTrajectory{options}, std::invalid_argument);
   options.duration = std::nan("");
   EXPECT_THROW(SineTrajectory{options}, std::invalid_argument);
+  options = SineTrajectoryOptions();
+  options.translation_factor = std::nan("");
+  EXPECT_THROW(SineTrajectory{options}, std::invalid_argument);
+}
+
+TEST(SineTrajectory, TranslationFactorScalesPositionsAlone) {
+  SineTrajectoryOptions options;
+  const SineTrajectory whole(options);
+  options.translation_factor = 0.02;
+  const SineTrajectory small(options);
+  const TimeNs stamp = options.begin + fromSeconds(7.3);
+  EXPECT_LT((small.at(stamp).T_WB.translation - 0.02 * whole.at(stamp).T_WB.translation).norm(), 1e-12);
+  EXPECT_GT(whole.at(stamp).T_WB.translation.norm(), 0.1);
+  EXPECT_LT(small.at(stamp).T_WB.rotation.angularDistance(whole.at(stamp).T_WB.rotation), 1e-12);
 }
 
 }  // namespace

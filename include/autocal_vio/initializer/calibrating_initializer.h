@@ -26,10 +26,10 @@ struct InitializerStatus : AttemptFindings {
   int attempts = 0;             ///< at scale and gravity
 };
 
-/// Says loudly that a rotation given with `sigma` is `angle` [rad] off; `held`: it is used nevertheless.
-std::string rotationPriorProblem(double angle, double sigma, bool held);
-/// Says loudly that a translation given with `sigma` is `distance` off [m].
-std::string translationPriorProblem(double distance, double sigma);
+/// Says loudly that the rotation of a prior is `angle` [rad] off; `held`: it is used nevertheless.
+std::string rotationPriorProblem(double angle, const ExtrinsicsPrior& prior, bool held);
+/// Says loudly that the translation of a prior is `distance` off [m].
+std::string translationPriorProblem(double distance, const ExtrinsicsPrior& prior);
 
 class CalibratingInitializer {
  public:

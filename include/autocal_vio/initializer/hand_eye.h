@@ -34,6 +34,9 @@ struct GyroIncrement {
 GyroIncrement integrateGyroscope(const std::vector<GyroSample>& samples, TimeNs begin, TimeNs end,
                                  const Eigen::Vector3d& bias, double noise_density);
 
+/// A sway that a fit without parallax leaves unnoticed, in multiples of a point's noise.
+constexpr double kHiddenSway = 2.0;
+
 /// The same interval seen by the camera and by the gyroscope.
 struct RotationPair {
   TimeNs begin = 0;                                             ///< camera clock

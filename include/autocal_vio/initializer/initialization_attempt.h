@@ -51,6 +51,8 @@ struct AttemptFindings {
   Eigen::Vector3d sigma_p_BC = Eigen::Vector3d::Constant(1e3);
   Eigen::Vector3d accelerometer_bias = Eigen::Vector3d::Zero();  ///< [m/s^2]
   Eigen::Vector3d sigma_accelerometer_bias = Eigen::Vector3d::Constant(1e3);
+  bool from_batch =
+      false;  ///< a batch has found them, with the IMU's noise: linear steps do not replace them
 };
 
 class InitializationAttempt {
@@ -83,6 +85,7 @@ class InitializationAttempt {
   bool preintegrate();
   bool reconstruct();
   bool align();
+  void reportAlignment();
   InitializedProblem buildProblem() const;
   bool refine(InitializedProblem* problem);
   bool judge(const InitializedProblem& problem);

@@ -31,6 +31,8 @@ struct RotationEstimate {
   Eigen::Vector4d singular_values = Eigen::Vector4d::Zero();  ///< of Q_N, Eq. (8), descending
   double residual_scale = 1.0;  ///< residuals over what their covariance promises, at least 1 [-]
   int pairs = 0;                ///< rotation pairs it rests on
+  bool consistent =
+      false;  ///< the rig has turned, and the residuals are explained: td and bias can be believed
   bool accepted = false;
   std::string reason;         ///< why it is accepted or not, one sentence
   std::string motion_advice;  ///< empty when accepted
@@ -69,6 +71,7 @@ class RotationCalibrator {
 
  private:
   const FeatureFrame* partnerOf(const FeatureFrame& frame) const;
+  void refusePair(const FeatureFrame& frame);
   void addPair(const FeatureFrame& first, const FeatureFrame& second, const ImuBuffer& imu);
   void completePending(const ImuBuffer& imu);
   void dropLeastInformative();

@@ -51,6 +51,7 @@ struct StructureLandmark {
 /// V is the first keyframe's camera frame; its unit is the median depth of the landmarks seen from there.
 struct StructureResult {
   std::string failure;                       ///< why there is no structure; empty on success
+  bool tracks_missing = false;               ///< it is for want of tracks, whatever the motion
   std::vector<Transform> T_VC;               ///< one per keyframe; the first is the identity
   std::vector<StructureLandmark> landmarks;  ///< ascending track_id, those that fit
   double rms_px = 0.0;                       ///< reprojection error of the landmarks kept, per axis [px]

@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "autocal_vio/frontend/feature.h"
@@ -28,8 +29,8 @@ std::vector<StructureTrack> selectTracks(const std::vector<FeatureFrame>& keyfra
 
 /// Median image motion left after the best-fitting rotation, over the tracks common to each keyframe and the farthest
 /// one that still shares enough of them; the largest over these pairs [px]. Near the pixel noise when the camera has
-/// not translated. `R_VC`: guesses from which the rotations are fitted. 0 when no pair shares enough tracks.
-double translationalParallaxPx(const std::vector<FeatureFrame>& keyframes,
-                               const std::vector<Eigen::Quaterniond>& R_VC);
+/// not translated. `R_VC`: guesses from which the rotations are fitted. Nothing when no pair shares enough tracks.
+std::optional<double> translationalParallaxPx(const std::vector<FeatureFrame>& keyframes,
+                                              const std::vector<Eigen::Quaterniond>& R_VC);
 
 }  // namespace autocal_vio

@@ -37,8 +37,12 @@ class Session {
   /// The calibration so far as a prior for the next session; nothing where it never got that far. Once the estimate
   /// has diverged, only what had converged before counts.
   std::optional<CalibrationKnowledge> knowledge() const { return record_.knowledge(calibration_trust_); }
-  /// True once the data have contradicted the extrinsics given to this session.
+  /// What the data have found wrong with the extrinsics that the session began with, in words; empty: nothing.
+  const std::string& priorProblem() const { return prior_problem_; }
+  /// True once they are no longer used for it.
   bool priorContradicted() const { return !prior_problem_.empty() && !hold_rotation_ && !hold_translation_; }
+  /// True where they were the user's, not those of a session before.
+  bool priorGiven() const { return given_; }
   /// True where the camera has moved on its mount, or the data say that it may have: what was known holds to within a bump.
   bool mountMayHaveMoved() const {
     return record_.mountMoved() || calibration_trust_ == CalibrationTrust::kWithinABump;
@@ -58,7 +62,6 @@ class Session {
   void continueFromLastPose();
   void checkPrior();
   void noteMovedMount();
-  void remark(VioUpdate* update) const;
   void lose(const EstimatorResult& result, VioUpdate* update);
   void fillFromInitializer(VioUpdate* update) const;
   void fillFromEstimator(const ImuBuffer& imu, VioUpdate* update);
@@ -79,6 +82,7 @@ class Session {
   std::optional<CalibrationEstimate> last_calibration_;  ///< of the last sound estimate
   CalibrationTrust calibration_trust_ = CalibrationTrust::kAll;
   std::optional<ExtrinsicsPrior> prior_;  ///< as given
+  bool given_;                            ///< it is the user's word
   std::string prior_problem_;             ///< what is wrong with it, in words
   bool hold_rotation_ = false, hold_translation_ = false, hold_td_ = false;
 };

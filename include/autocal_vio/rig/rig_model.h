@@ -16,12 +16,13 @@ struct ExtrinsicsPrior {
   Transform T_imu_cam;              ///< pose of the camera in the IMU frame: R_BC, p_BC
   double sigma_rotation = 0.02;     ///< [rad], per axis
   double sigma_translation = 0.02;  ///< [m], per axis
+  bool from_session = false;        ///< own estimate of before a restart, not the user's word
 };
 
 /// Time offset known beforehand: t_imu = t_cam + td.
 struct TimeOffsetPrior {
   double td = 0.0;         ///< [s]
-  double sigma_td = 0.01;  ///< [s]
+  double sigma_td = 0.03;  ///< [s] of stamps that nobody has looked at
 };
 
 struct RigModel {

@@ -36,6 +36,8 @@ struct SineTrajectoryOptions {
   double ramp_time = 3.0;              ///< from rest to full speed after that [s]
   bool start_moving = false;           ///< at full speed from the first instant on
   double speed_factor = 1.0;           ///< stretches time: 2 is twice as fast (4 times the acceleration)
+  double translation_factor =
+      1.0;  ///< of the positions: 0.02 is turning in the hand, which sways by centimetres
   std::optional<Eigen::Quaterniond> start_attitude;  ///< R_WB at begin; absent: any, drawn with the seed
 };
 
