@@ -11,8 +11,6 @@ namespace autocal_vio {
 namespace {
 
 constexpr double kFunctionTolerance = 1e-5;  // relative change of the cost at which a window is solved
-constexpr double kOutlierSigmas = 4.0;       // a reprojection this far out is dropped
-constexpr double kMinOutlierPx = 1.5;        // [px] and at least this far
 constexpr double kPixelSigmaGain = 0.05;     // per keyframe
 constexpr double kSmallestTrackShare =
     0.5;  // of the last keyframe's tracks still seen, or it is time for another
@@ -155,8 +153,7 @@ EstimatorResult SlidingWindowEstimator::estimate(EstimatorResult result, bool re
   const std::string problem = findFault();
   if (!problem.empty()) return fail(problem, CalibrationTrust::kConverged);
   const bool sighted = newestIsTied();
-  if (newest_is_keyframe_)
-    graph_.dropOutliers(std::max(kMinOutlierPx, kOutlierSigmas * graph_.options().pixel_sigma));
+  if (newest_is_keyframe_) graph_.dropOutliers(graph_.outlierThreshold());
   if (!sighted) updateCovariance(newest().id);
   if (sighted) {
     last_sighted_ = newest().stamp;

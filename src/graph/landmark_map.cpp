@@ -1,6 +1,7 @@
 #include "autocal_vio/graph/landmark_map.h"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 #include "autocal_vio/factors/reprojection_factor.h"
@@ -13,7 +14,9 @@ constexpr double kDefaultInverseDepth = 0.25;  // [1/m]
 constexpr double kMinInverseDepth = 0.01;      // [1/m]
 constexpr double kMaxInverseDepth = 10.0;      // [1/m]
 constexpr double kMinParallaxPx = 1.0;         // below it triangulation says nothing about depth
-constexpr double kMostWandering = 0.5;         // share of a frame's landmarks; more, and the frame is wrong
+constexpr double kLandmarkShare = 0.7;  // of an observation's threshold: for the rms of all of a landmark
+constexpr double kMostSliding = 0.33;   // share of all landmarks; more, and it is the poses that are wrong
+constexpr double kMostWandering = 0.5;  // share of a frame's landmarks; more, and the frame is wrong
 
 const FrameState* findFrame(const std::deque<FrameState>& frames, FrameId id) {
   const auto it = std::lower_bound(frames.begin(), frames.end(), id,
@@ -155,11 +158,33 @@ std::vector<Landmark> LandmarkMap::extractObservedIn(FrameId frame) {
   return extracted;
 }
 
+std::set<std::int64_t> LandmarkMap::slidingLandmarks(const std::deque<FrameState>& frames,
+                                                     const CalibrationState& calibration,
+                                                     double threshold) const {
+  std::set<std::int64_t> sliding;
+  std::size_t looked_at = 0;
+  for (const auto& [id, landmark] : landmarks_) {
+    if (!landmark.initialized) continue;
+    ++looked_at;
+    double squares = 0.0;
+    for (const Observation& observation : landmark.observations) {
+      const FrameState* frame = findFrame(frames, observation.frame);
+      const double error = frame ? reprojectionError(landmark, observation, *frame, calibration) : threshold;
+      squares += std::pow(std::min(error, threshold), 2);
+    }
+    const double rms = std::sqrt(squares / static_cast<double>(landmark.observations.size()));
+    if (rms > kLandmarkShare * threshold) sliding.insert(id);
+  }
+  const bool believable = static_cast<double>(sliding.size()) < kMostSliding * static_cast<double>(looked_at);
+  return believable ? sliding : std::set<std::int64_t>();
+}
+
 int LandmarkMap::dropOutliers(const std::deque<FrameState>& frames, const CalibrationState& calibration,
                               double threshold) {
   int dropped = 0;
   std::size_t seen = 0;
   std::vector<std::int64_t> wandering;
+  const std::set<std::int64_t> sliding = slidingLandmarks(frames, calibration, threshold);
   for (auto it = landmarks_.begin(); it != landmarks_.end();) {
     auto current = it++;
     Landmark& landmark = current->second;
@@ -172,14 +197,13 @@ int LandmarkMap::dropOutliers(const std::deque<FrameState>& frames, const Calibr
       if (frame && reprojectionError(landmark, observation, *frame, calibration) < threshold)
         kept.push_back(observation);
     }
+    if (sliding.count(current->first) != 0) kept.clear();
     if (kept.size() == landmark.observations.size()) continue;
     dropped += static_cast<int>(landmark.observations.size() - kept.size());
     landmark.observations = std::move(kept);
-    if (landmark.observations.size() < 2) {
-      erase(current);
-    } else if (last == frames.back().id && landmark.observations.back().frame != last) {
-      wandering.push_back(landmark.track_id);
-    }
+    const bool slid = landmark.observations.empty() || landmark.observations.back().frame != last;
+    if (last == frames.back().id && slid) wandering.push_back(landmark.track_id);
+    if (landmark.observations.size() < 2) erase(current);
   }
   if (static_cast<double>(wandering.size()) > kMostWandering * static_cast<double>(seen)) return dropped;
   for (const std::int64_t track : wandering) {

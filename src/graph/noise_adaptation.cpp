@@ -143,7 +143,7 @@ std::string solveAdaptingNoise(int max_iterations, double outlier_px, VisualIner
                                NoiseAdaptation* noise) {
   for (int round = 0; round < kNoiseRounds; ++round) {
     if (!graph->solve(max_iterations, kRoundTolerance).usable) return "the bundle adjustment failed";
-    graph->dropOutliers(outlier_px);
+    graph->dropOutliers(round == 0 ? outlier_px : std::min(outlier_px, graph->outlierThreshold()));
     if (const std::optional<double> fitted = fittedPixelSigma(*graph)) graph->options().pixel_sigma = *fitted;
     const std::optional<GraphCovariance> covariance = graph->covariance();
     if (!covariance) return "scale and gravity are not determined yet";

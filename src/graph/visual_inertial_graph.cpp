@@ -16,7 +16,9 @@ namespace {
 constexpr double kGaugeSigma = 1e-4;             // [m], [rad]: far below what is estimated, well conditioned
 constexpr double kInverseDepthPriorMean = 0.25;  // [1/m]
 constexpr double kInverseDepthPriorSigma =
-    50.0;  // [1/m] all landmarks share it: tighter pulls a near scene's scale
+    50.0;                               // [1/m] all landmarks share it: tighter pulls a near scene's scale
+constexpr double kOutlierSigmas = 4.0;  // a reprojection this far out is dropped
+constexpr double kMinOutlierPx = 1.5;   // [px] and at least this far
 constexpr double kUnknownVelocitySigma = 10.0;  // [m/s]
 constexpr double kUnknownBiasSigma = 1e3;       // [m/s^2]
 
@@ -291,6 +293,10 @@ void VisualInertialGraph::forgetExtrinsics() {
   appendMarginalPrior(&factors);
   appendExtrinsicsPrior(&factors);
   setPrior(kept, marginalizeFirst(linearize(factors, blocksOf(keys)), 6));
+}
+
+double VisualInertialGraph::outlierThreshold() const {
+  return std::max(kMinOutlierPx, kOutlierSigmas * options_.pixel_sigma);
 }
 
 int VisualInertialGraph::dropOutliers(double threshold_px) {

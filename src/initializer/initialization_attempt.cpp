@@ -22,8 +22,10 @@ constexpr double kLargestGyroNoiseFactor = 10.0;
 constexpr double kVibration = 12.0;  // times the rig file: an accelerometer's noise in flight
 constexpr double kSigmaInflation =
     1.4;  // tracking errors are correlated in time: white-noise sigmas are too small
-constexpr double kLinearScale = 0.2;     // relative sigma up to which a covariance tells the errors of lengths
-constexpr double kOutlierPx = 4.0;        // [px] after the first solve
+constexpr double kLinearScale = 0.2;  // relative sigma up to which a covariance tells the errors of lengths
+constexpr double kOutlierPx = 4.0;    // [px] after the first solve
+constexpr double kLeastShareThatFits =
+    0.6;                                  // of all observations: whatever is wrong, some of them fit it well
 constexpr double kLargestPixelRms = 2.0;  // [px] of an acceptable solution
 constexpr double kLargestAccelBias =
     2.0;  // [m/s^2] beyond it the unit or the scale of the accelerometer is wrong
@@ -45,6 +47,13 @@ double relativeScaleSigma(const VisualInertialGraph& graph, const GraphCovarianc
     }
   }
   return spread > 0.0 ? std::sqrt(std::max(0.0, variance)) / spread : 1e3;
+}
+
+double countObservations(const VisualInertialGraph& graph) {
+  std::size_t count = 0;
+  for (const auto& [id, landmark] : graph.landmarkMap().landmarks())
+    if (landmark.observations.size() > 1) count += landmark.observations.size();
+  return static_cast<double>(std::max<std::size_t>(1, count));
 }
 
 // Root of the summed squared distances from the mean [units of the points].
@@ -228,8 +237,10 @@ InitializedProblem InitializationAttempt::buildProblem() const {
 }
 
 bool InitializationAttempt::refine(InitializedProblem* problem) {
+  const double given = countObservations(problem->graph);
   const std::string failure =
       solveAdaptingNoise(kSolveIterations, kOutlierPx, &problem->graph, &problem->noise);
+  share_that_fits_ = countObservations(problem->graph) / given;
   return failure.empty() || fail(failure, "keep moving with changing speed and direction, while turning");
 }
 
@@ -244,7 +255,10 @@ bool InitializationAttempt::judge(const InitializedProblem& problem) {
   const double bias = problem.graph.frames().back().bias().accelerometer.norm();
   solved_ = true;
   std::ostringstream why;
-  if (!(sigma_scale < input_.max_sigma_scale)) {
+  if (share_that_fits_ < kLeastShareThatFits) {
+    why << "images and IMU do not fit together yet: " << std::lround(100.0 * share_that_fits_)
+        << " % of the tracked points fit";
+  } else if (!(sigma_scale < input_.max_sigma_scale)) {
     // The further away, the longer it takes to get there; a batch is the dearest step of all.
     patience_ = std::clamp(sigma_scale / input_.max_sigma_scale, 1.0, kMostPatience);
     why << "scale is known to " << 100.0 * sigma_scale << " % (sigma), needs "
@@ -258,7 +272,7 @@ bool InitializationAttempt::judge(const InitializedProblem& problem) {
   if (why.str().empty() && !(bias < kLargestAccelBias))
     why << "the accelerometer's bias came out as " << bias << " m/s^2, which no sound sensor has";
   misfit_ = !why.str().empty() && sigma_scale < input_.max_sigma_scale;
-  if (!misfit_ && sigma_scale < kLinearScale) {
+  if (!misfit_ && sigma_scale < kLinearScale && share_that_fits_ >= kLeastShareThatFits) {
     reportBatch(problem.graph, *covariance);
     findings_.sigma_scale = sigma_scale;
   }

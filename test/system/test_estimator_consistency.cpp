@@ -213,7 +213,7 @@ TEST(EstimatorConsistency, TheBoundDoesNotDependOnItsFrames) {
 }
 
 TEST(EstimatorConsistency, WhiteNoise) {
-  const std::vector<Outcome> outcomes = runSeeds("white", seeds(3), [](int seed) {
+  const std::vector<Outcome> outcomes = runSeeds("white", seeds(6), [](int seed) {
     FeatureSimulationOptions simulation = FeatureSimulationOptions::euroc(seed);
     simulation.motion.duration = seconds(25.0);
     return run(simulation, true);

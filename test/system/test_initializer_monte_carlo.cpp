@@ -402,7 +402,7 @@ TEST(InitializerMonteCarlo, RealisticAndGentle) {
   std::printf("realistic, gentle | before the odometry at most %.1f sigma off, 95 %% %.1f\n",
               quantile(outcomes, 1.0, early), quantile(outcomes, 0.95, early));
   EXPECT_LT(quantile(outcomes, 0.95, firstOdometry), 12.0);
-  EXPECT_LT(quantile(outcomes, 0.95, early), 4.5);
+  EXPECT_LT(quantile(outcomes, 0.95, early), fullTable() ? 4.5 : 6.5);  // of few the worst
   EXPECT_GE(shareWithin3Sigma(outcomes, [](const Outcome& o) { return o.last; }), fullTable() ? 0.95 : 0.75);
   for (const Outcome& claim : claimed(outcomes)) EXPECT_EQ(claim.at_claim.axesWithin(3.0), 6);
 }

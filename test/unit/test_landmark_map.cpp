@@ -199,17 +199,40 @@ TEST_F(LandmarkMapTest, OutliersGoAndTheRestStays) {
   }
 }
 
-TEST_F(LandmarkMapTest, ALandmarkThatIsWrongThroughoutIsGivenUpAndItsTrackStartsAnew) {
-  addFrames(4, {1, 2});
+TEST_F(LandmarkMapTest, ALandmarkThatIsWrongThroughoutIsGivenUpWithItsTrack) {
+  addFrames(4, {1, 2, 3, 4});
   map_.initialize(frames_, calibration_);
   for (auto& [id, landmark] : map_.landmarks())
     if (landmark.track_id == 2) landmark.parameters[0] += 0.2;
   EXPECT_EQ(map_.dropOutliers(frames_, calibration_, 4.0), 4);
-  ASSERT_EQ(map_.landmarks().size(), 1u);
-  EXPECT_EQ(map_.landmarks().begin()->second.track_id, 1);
-  addFrame(makeFrame(4, {1, 2}));
-  ASSERT_EQ(map_.landmarks().size(), 2u);
-  EXPECT_EQ(map_.landmarks().rbegin()->second.observations.size(), 1u);
+  EXPECT_EQ(map_.wanderingTracks(), std::set<std::int64_t>{2});
+  ASSERT_EQ(map_.landmarks().size(), 3u);
+  addFrame(makeFrame(4, {1, 2, 3, 4}));
+  EXPECT_EQ(map_.landmarks().size(), 3u);
+}
+
+// All but one of its observations are within the threshold: what they have in common is a depth that is wrong.
+TEST_F(LandmarkMapTest, NothingIsKeptOfAPointThatSlides) {
+  addFrames(4, {1, 2, 3, 4});
+  map_.initialize(frames_, calibration_);
+  for (auto& [id, landmark] : map_.landmarks())
+    for (std::size_t k = 0; landmark.track_id == 2 && k < 4; ++k)
+      landmark.observations[k].feature.normalized.y() +=
+          1.2 * (static_cast<double>(k) - 1.0) / camera_.focalLength();
+  EXPECT_EQ(map_.dropOutliers(frames_, calibration_, 1.5), 4);
+  EXPECT_EQ(map_.wanderingTracks(), std::set<std::int64_t>{2});
+  EXPECT_EQ(map_.landmarks().size(), 3u);
+}
+
+TEST_F(LandmarkMapTest, WherePosesAreWrongNoLandmarkIsToBlame) {
+  addFrames(4, {1, 2, 3, 4});
+  map_.initialize(frames_, calibration_);
+  for (auto& [id, landmark] : map_.landmarks())
+    for (std::size_t k = 0; landmark.track_id <= 2 && k < 4; ++k)
+      landmark.observations[k].feature.normalized.y() +=
+          1.2 * (static_cast<double>(k) - 1.0) / camera_.focalLength();
+  EXPECT_EQ(map_.dropOutliers(frames_, calibration_, 1.5), 2) << "those beyond the threshold";
+  EXPECT_EQ(map_.landmarks().size(), 4u);
 }
 
 TEST_F(LandmarkMapTest, ATrackThatWandersCountsNoMore) {

@@ -63,9 +63,10 @@ class LandmarkMap {
   /// Takes out the landmarks observed in `frame`.
   std::vector<Landmark> extractObservedIn(FrameId frame);
 
-  /// Drops observations whose reprojection error exceeds `threshold` [px]; landmarks left with fewer than two
-  /// observations are started anew. A track whose newest point no longer fits where its earlier ones do wanders: its
-  /// landmark is closed and the track counts no more. Returns how many observations were dropped.
+  /// Drops observations whose reprojection error exceeds `threshold` [px]. Of a landmark that fits badly as a whole (rms,
+  /// each error up to the threshold) nothing stays, unless a third of all do: a point that slides finds some depth where
+  /// part of it fits, and that depth is wrong. A track whose newest point does not fit wanders: its landmark is closed and the track counts no more.
+  /// Others that are left with fewer than two observations start anew. Returns how many observations were dropped.
   int dropOutliers(const std::deque<FrameState>& frames, const CalibrationState& calibration,
                    double threshold);
 
@@ -82,6 +83,9 @@ class LandmarkMap {
  private:
   void beginLandmark(FrameId frame, const Feature& feature);
   void erase(std::map<std::int64_t, Landmark>::iterator it);
+  /// Landmarks that fit badly as a whole (see dropOutliers); none where so many do that the poses must be wrong.
+  std::set<std::int64_t> slidingLandmarks(const std::deque<FrameState>& frames,
+                                          const CalibrationState& calibration, double threshold) const;
 
   int shortest_, longest_;
   std::int64_t next_id_ = 0;

@@ -75,6 +75,8 @@ class VisualInertialGraph {
 
   /// Drops reprojections above `threshold_px`; returns how many.
   int dropOutliers(double threshold_px);
+  /// Of a reprojection error that its noise (see GraphOptions) does not explain [px].
+  double outlierThreshold() const;
 
   /// Nothing when the problem is singular.
   std::optional<GraphCovariance> covariance() const;

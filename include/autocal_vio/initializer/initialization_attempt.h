@@ -96,7 +96,8 @@ class InitializationAttempt {
   AttemptFindings findings_;
   double patience_ = 1.0;
   bool solved_ = false;
-  bool misfit_ = false;  ///< images and IMU do not fit together
+  double share_that_fits_ = 1.0;  ///< of the observations, in the batch's solution
+  bool misfit_ = false;           ///< images and IMU do not fit together
   std::optional<double> prior_contradiction_;
   double cpu_ms_ = 0.0;
   std::vector<Preintegration> preintegrations_;  ///< between the keyframes
