@@ -74,7 +74,12 @@ bool StandstillDetector::imuAtRest(const StandstillContext& context) const {
 bool StandstillDetector::begins(const StandstillContext& context, double largest_displacement) {
   const View &before = recent_.front(), &now = recent_.back();
   if (toSeconds(now.stamp - before.stamp) < criteria_.time) return false;
-  image_at_rest_ = compare(before, now, largest_displacement) == Verdict::kAtRest;
+  // A rig that turns back is where it was, but has not been there in between.
+  const auto moving = [&](const View& view) {
+    return compare(before, view, largest_displacement) == Verdict::kMoving;
+  };
+  image_at_rest_ = compare(before, now, largest_displacement) == Verdict::kAtRest &&
+                   std::none_of(recent_.begin(), recent_.end(), moving);
   if (!image_at_rest_ || !context.velocity_may_be_zero || !imuAtRest(context)) return false;
   reference_ = before;
   resting_since_ = before.stamp;

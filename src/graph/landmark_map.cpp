@@ -173,7 +173,7 @@ std::set<std::int64_t> LandmarkMap::slidingLandmarks(const std::deque<FrameState
       squares += std::pow(std::min(error, threshold), 2);
     }
     const double rms = std::sqrt(squares / static_cast<double>(landmark.observations.size()));
-    if (rms > kLandmarkShare * threshold) sliding.insert(id);
+    if (rms > kLandmarkShare * threshold || landmark.parameters[2] > kMaxInverseDepth) sliding.insert(id);
   }
   const bool believable = static_cast<double>(sliding.size()) < kMostSliding * static_cast<double>(looked_at);
   return believable ? sliding : std::set<std::int64_t>();

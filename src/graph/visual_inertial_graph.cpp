@@ -19,6 +19,10 @@ constexpr double kInverseDepthPriorSigma =
     50.0;                               // [1/m] all landmarks share it: tighter pulls a near scene's scale
 constexpr double kOutlierSigmas = 4.0;  // a reprojection this far out is dropped
 constexpr double kMinOutlierPx = 1.5;   // [px] and at least this far
+// Two images of a point always agree upon some depth. Where it slides that may be some centimetres, and a landmark so near
+// pulls a pose more than all others together.
+constexpr std::size_t kConfirmingObservations = 3;
+constexpr std::size_t kEnoughConfirmed = 30;
 constexpr double kUnknownVelocitySigma = 10.0;  // [m/s]
 constexpr double kUnknownBiasSigma = 1e3;       // [m/s^2]
 
@@ -179,11 +183,15 @@ std::vector<Factor> VisualInertialGraph::newestFrameFactors() const {
   std::vector<Factor> factors;
   const FrameState& newest = frames_.back();
   factors.push_back(imuFactor(frames_.size() - 1));
+  std::vector<const Landmark*> confirmed, others;
   for (const auto& [id, landmark] : landmarks_.landmarks()) {
     if (!landmark.solved || !landmark.initialized || landmark.observations.back().frame != newest.id)
       continue;
-    factors.push_back(reprojectionFactor(landmark, landmark.observations.back(), newest));
+    (landmark.observations.size() > kConfirmingObservations ? confirmed : others).push_back(&landmark);
   }
+  if (confirmed.size() < kEnoughConfirmed) confirmed.insert(confirmed.end(), others.begin(), others.end());
+  for (const Landmark* landmark : confirmed)
+    factors.push_back(reprojectionFactor(*landmark, landmark->observations.back(), newest));
   return factors;
 }
 

@@ -224,6 +224,18 @@ TEST_F(LandmarkMapTest, NothingIsKeptOfAPointThatSlides) {
   EXPECT_EQ(map_.landmarks().size(), 3u);
 }
 
+TEST_F(LandmarkMapTest, APointOnTheLensIsGivenUp) {
+  addFrames(4, {1, 2, 3, 4});
+  map_.initialize(frames_, calibration_);
+  for (auto& [id, landmark] : map_.landmarks()) {
+    if (landmark.track_id != 2) continue;
+    landmark.parameters[2] = 30.0;
+    landmark.observations.resize(1);
+  }
+  map_.dropOutliers(frames_, calibration_, 1.5);
+  EXPECT_EQ(map_.landmarks().size(), 3u);
+}
+
 TEST_F(LandmarkMapTest, WherePosesAreWrongNoLandmarkIsToBlame) {
   addFrames(4, {1, 2, 3, 4});
   map_.initialize(frames_, calibration_);

@@ -124,6 +124,15 @@ TEST(StandstillDetector, ConstantVelocityIsNoStandstill) {
   EXPECT_LT(rig.waitFor(true, 60.0), 0.0);
 }
 
+// Turning back gently, the rig is after a second where it was, and the acceleration is always the same.
+TEST(StandstillDetector, ATurnBackIsNoStandstill) {
+  Rig rig(1);
+  for (int i = 0; i < 1200; ++i) {
+    rig.flow = Vector2d(40.0 * std::cos(2.0 * M_PI * i / kImageRate), 0.0);
+    EXPECT_FALSE(rig.step()) << i;
+  }
+}
+
 TEST(StandstillDetector, AViewThatMovesAlongIsNoStandstill) {
   Rig turning(1);
   for (int i = 0; i < 1200; ++i) {

@@ -130,6 +130,25 @@ TEST(VisualInertialGraph, HeldCalibrationKeepsEveryBit) {
   EXPECT_EQ(graph.covariance()->block(kTranslation).size(), 0);
 }
 
+// Two images of a point that slides agree upon some depth: here three centimetres.
+TEST(VisualInertialGraph, ALandmarkThatNothingConfirmsDoesNotPullTheNewestFrame) {
+  VisualInertialGraph graph = solvedGraph(6);
+  const FrameState& newest = graph.frames().back();
+  ASSERT_TRUE(graph.solveNewest(10).usable);
+  const Eigen::Vector3d before = newest.position();
+  int changed = 0;
+  for (auto& [id, landmark] : graph.landmarkMap().landmarks()) {
+    if (!landmark.solved || landmark.observations.back().frame != newest.id ||
+        landmark.observations.size() > 3)
+      continue;
+    landmark.parameters[2] = 30.0;
+    ++changed;
+  }
+  ASSERT_GT(changed, 0);
+  ASSERT_TRUE(graph.solveNewest(10).usable);
+  EXPECT_LT((newest.position() - before).norm(), 1e-6);
+}
+
 TEST(VisualInertialGraph, DroppedFrameLeavesItsImuBehind) {
   VisualInertialGraph graph = solvedGraph(6);
   const FrameId dropped = graph.frames()[4].id;

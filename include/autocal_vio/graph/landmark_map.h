@@ -64,7 +64,7 @@ class LandmarkMap {
   std::vector<Landmark> extractObservedIn(FrameId frame);
 
   /// Drops observations whose reprojection error exceeds `threshold` [px]. Of a landmark that fits badly as a whole (rms,
-  /// each error up to the threshold) nothing stays, unless a third of all do: a point that slides finds some depth where
+  /// each error up to the threshold), or whose point is on the lens, nothing stays, unless a third of all do: a point that slides finds some depth where
   /// part of it fits, and that depth is wrong. A track whose newest point does not fit wanders: its landmark is closed and the track counts no more.
   /// Others that are left with fewer than two observations start anew. Returns how many observations were dropped.
   int dropOutliers(const std::deque<FrameState>& frames, const CalibrationState& calibration,
