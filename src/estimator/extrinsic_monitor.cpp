@@ -13,8 +13,6 @@ namespace {
 using Vector6d = Eigen::Matrix<double, 6, 1>;
 
 constexpr double kDegrees = 180.0 / 3.14159265358979323846;
-constexpr double kObservableRotation = 2.0 / kDegrees;  // [rad] a sigma below it can only come from motion
-constexpr double kObservableTranslation = 0.05;         // [m]
 constexpr double kReopenFactor = 2.0;  // a converged calibration is given up only well beyond the limits
 const char* const kAxes[3] = {"x", "y", "z"};
 

@@ -35,8 +35,17 @@ WithoutPrior withoutPrior(const Eigen::MatrixXd& covariance, const Eigen::Vector
   return result;
 }
 
-double sigmasOff(const Eigen::VectorXd& deviation, const Eigen::MatrixXd& covariance) {
-  return std::sqrt(std::max(0.0, deviation.dot(covariance.ldlt().solve(deviation))));
+double sigmasOff(const Eigen::Vector3d& deviation, const Eigen::Matrix3d& covariance, double prior_sigma,
+                 double largest_sigma) {
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(covariance);
+  double squares = 0.0;
+  for (int i = 0; i < 3; ++i) {
+    const double variance = std::max(0.0, solver.eigenvalues()(i));
+    if (!(variance < largest_sigma * largest_sigma)) continue;
+    squares +=
+        std::pow(solver.eigenvectors().col(i).dot(deviation), 2) / (variance + prior_sigma * prior_sigma);
+  }
+  return std::sqrt(squares);
 }
 
 Eigen::Matrix<double, 6, 1> deviationFrom(const Transform& prior, const Transform& T_BC) {

@@ -205,6 +205,7 @@ AttemptInput CalibratingInitializer::attemptInput(const ImuBuffer& imu) const {
   AttemptInput input{{},
                      imu,
                      noise_,
+                     noise_factors_,
                      *rotation(),
                      gyroscopeBias(),
                      td(),
@@ -248,6 +249,7 @@ std::optional<InitializedProblem> CalibratingInitializer::followAttempt(const Fe
 void CalibratingInitializer::conclude(const InitializationAttempt& attempt) {
   static_cast<AttemptFindings&>(status_) = attempt.findings();
   if (attempt.solved() && !first_solution_) first_solution_ = last_attempt_;
+  noise_factors_ = attempt.noiseFound().value_or(NoiseFactors());
   attempt_pause_ = options_.attempt_interval * attempt.patience();
   if (attempt.priorContradiction())
     prior_problem_ = translationPriorProblem(*attempt.priorContradiction(), *prior_);

@@ -86,6 +86,7 @@ std::optional<InitializedProblem> InitializationAttempt::solve() {
 
 std::optional<InitializedProblem> InitializationAttempt::solveMotion() {
   misfit_ = false;
+  noise_found_.reset();
   if (!align()) return std::nullopt;
   InitializedProblem problem = buildProblem();
   if (!refine(&problem) || !judge(problem)) return std::nullopt;
@@ -200,7 +201,7 @@ InitializedProblem InitializationAttempt::buildProblem() const {
   prior.td = input_.time_offset_prior.td;
   prior.sigma_td = input_.time_offset_prior.sigma_td;
   InitializedProblem problem{VisualInertialGraph(input_.graph_options, prior),
-                             NoiseAdaptation(input_.noise, kLargestNoiseFactor)};
+                             NoiseAdaptation(input_.noise, kLargestNoiseFactor, input_.noise_factors)};
   VisualInertialGraph& graph = problem.graph;
   Transform T_BC(input_.R_BC, alignment.p_BC);
   if (input_.hold_rotation) T_BC.rotation = input_.prior->T_imu_cam.rotation;
@@ -228,7 +229,7 @@ InitializedProblem InitializationAttempt::buildProblem() const {
     frame.measured_angular_velocity =
         (i == 0 ? pre.samples().front() : pre.samples().back()).angular_velocity;
     if (i > 0) frame.preintegration = std::make_shared<Preintegration>(pre);
-    if (i > 0) frame.preintegration->repropagate(bias);
+    if (i > 0) frame.preintegration->repropagate(bias, problem.noise.noise());
     graph.addFrame(std::move(frame));
     graph.landmarkMap().closeFullLandmarks();
   }
@@ -273,6 +274,7 @@ bool InitializationAttempt::judge(const InitializedProblem& problem) {
     why << "the accelerometer's bias came out as " << bias << " m/s^2, which no sound sensor has";
   misfit_ = !why.str().empty() && sigma_scale < input_.max_sigma_scale;
   if (!misfit_ && sigma_scale < kLinearScale && share_that_fits_ >= kLeastShareThatFits) {
+    noise_found_ = factors;
     reportBatch(problem.graph, *covariance);
     findings_.sigma_scale = sigma_scale;
   }

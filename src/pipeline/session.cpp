@@ -34,10 +34,10 @@ Matrix6d intrinsicsShare(const RigModel& rig, double focal_length) {
 }
 
 // What the data alone say of the three axes from `first` on, against the prior's sigma on each.
-bool contradicts(const Eigen::Matrix<double, 6, 1>& deviation, Matrix6d covariance, int first,
-                 double prior_sigma) {
-  covariance.diagonal().array() += prior_sigma * prior_sigma;
-  return sigmasOff(deviation.segment<3>(first), covariance.block<3, 3>(first, first)) > kContradictionSigmas;
+bool contradicts(const Eigen::Matrix<double, 6, 1>& deviation, const Matrix6d& covariance, int first,
+                 double prior_sigma, double largest_sigma) {
+  return sigmasOff(deviation.segment<3>(first), covariance.block<3, 3>(first, first), prior_sigma,
+                   largest_sigma) > kContradictionSigmas;
 }
 
 // Rotation about the vertical that brings `from` nearest to `to`; defined for any attitude but one upside down.
@@ -143,9 +143,10 @@ void Session::checkPrior() {
   if (!prior_ || !prior_problem_.empty()) return;
   const Eigen::Matrix<double, 6, 1>& deviation = record_.dataDeviation();
   const Matrix6d covariance = record_.dataCovariance() + intrinsics_share_;
-  if (!hold_rotation_ && contradicts(deviation, covariance, 3, prior_->sigma_rotation)) {
+  if (!hold_rotation_ && contradicts(deviation, covariance, 3, prior_->sigma_rotation, kObservableRotation)) {
     prior_problem_ = rotationPriorProblem(deviation.tail<3>().norm(), *prior_, false);
-  } else if (!hold_translation_ && contradicts(deviation, covariance, 0, prior_->sigma_translation)) {
+  } else if (!hold_translation_ &&
+             contradicts(deviation, covariance, 0, prior_->sigma_translation, kObservableTranslation)) {
     prior_problem_ = translationPriorProblem(deviation.head<3>().norm(), *prior_);
   } else {
     return;

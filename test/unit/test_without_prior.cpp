@@ -32,9 +32,15 @@ TEST(WithoutPrior, WhereTheDataSayNothingNothingIsKnown) {
   EXPECT_GT(std::sqrt(result.covariance(1, 1)), 10.0);
 }
 
-TEST(WithoutPrior, CountsSigmas) {
-  const Eigen::MatrixXd covariance = Eigen::Vector2d(0.04, 1.0).asDiagonal();
-  EXPECT_NEAR(sigmasOff(Eigen::Vector2d(0.6, 4.0), covariance), 5.0, 1e-12);
+TEST(WithoutPrior, CountsSigmasAlongWhatTheDataKnow) {
+  const double turn = 0.4;
+  const Eigen::Matrix3d R = Eigen::AngleAxisd(turn, Eigen::Vector3d::UnitY()).toRotationMatrix();
+  const Eigen::Vector3d sigma(0.16, 0.35, 30.0), off(0.6, 1.48, 900.0);
+  const Eigen::Matrix3d covariance = R * sigma.cwiseAbs2().asDiagonal() * R.transpose();
+  // sqrt(0.16^2 + 0.12^2) = 0.2, sqrt(0.35^2 + 0.12^2) = 0.37: 3 and 4 sigmas; the third is not known.
+  EXPECT_NEAR(sigmasOff(R * off, covariance, 0.12, 1.0), 5.0, 1e-9);
+  EXPECT_NEAR(sigmasOff(R * off, covariance, 0.12, 0.3), 3.0, 1e-9);
+  EXPECT_NEAR(sigmasOff(R * off, covariance, 0.12, 0.1), 0.0, 1e-9);
 }
 
 }  // namespace

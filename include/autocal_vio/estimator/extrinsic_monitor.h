@@ -11,6 +11,10 @@
 
 namespace autocal_vio {
 
+/// A sigma below these can only come from motion.
+constexpr double kObservableRotation = 0.035;    // [rad]
+constexpr double kObservableTranslation = 0.05;  // [m]
+
 struct ExtrinsicMonitorOptions {
   double max_sigma_rotation_deg = 0.1;
   double max_sigma_translation = 0.006;

@@ -18,8 +18,11 @@ struct WithoutPrior {
 WithoutPrior withoutPrior(const Eigen::MatrixXd& covariance, const Eigen::VectorXd& deviation,
                           const Eigen::VectorXd& sigma);
 
-/// Length of `deviation` in sigmas of `covariance` (Mahalanobis distance) [-].
-double sigmasOff(const Eigen::VectorXd& deviation, const Eigen::MatrixXd& covariance);
+/// How far the data are from a prior of `prior_sigma` on each axis, in sigmas (Mahalanobis distance) [-]. `deviation` (3) and
+/// `covariance` (3, 3): see WithoutPrior. Only directions of which the data know more than `largest_sigma` count: of the
+/// others they say nothing, and what correlated noise has left there would look like a contradiction.
+double sigmasOff(const Eigen::Vector3d& deviation, const Eigen::Matrix3d& covariance, double prior_sigma,
+                 double largest_sigma);
 
 /// Of an estimate `T_BC` from a prior, order [p_BC, theta] as in ExtrinsicPriorFactor [m, rad].
 Eigen::Matrix<double, 6, 1> deviationFrom(const Transform& prior, const Transform& T_BC);

@@ -23,8 +23,9 @@ ImuNoise scaled(const ImuNoise& noise, const NoiseFactors& factors);
 
 class NoiseAdaptation {
  public:
-  /// `nominal`: the rig file's noise. Factors stay within [1, largest].
-  NoiseAdaptation(const ImuNoise& nominal, double largest) : nominal_(nominal), largest_(largest) {}
+  /// `nominal`: the rig file's noise. Factors stay within [1, largest], and begin at `start`.
+  NoiseAdaptation(const ImuNoise& nominal, double largest, const NoiseFactors& start = NoiseFactors())
+      : nominal_(nominal), largest_(largest), factors_(start) {}
 
   /// Adds the evidence of the interval that ends at frame `index` of the solved graph.
   void addInterval(const VisualInertialGraph& graph, const GraphCovariance& covariance, std::size_t index);

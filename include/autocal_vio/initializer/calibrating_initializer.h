@@ -94,6 +94,7 @@ class CalibratingInitializer {
 
   double focal_length_;
   ImuNoise noise_;
+  NoiseFactors noise_factors_;  ///< over it, as the last attempt has found them: the next one begins there
   std::optional<ExtrinsicsPrior> prior_;
   TimeOffsetPrior time_offset_prior_;
   InitializerOptions options_;

@@ -28,7 +28,8 @@ struct InitializedProblem {
 struct AttemptInput {
   std::vector<FeatureFrame> keyframes;  ///< in order of time, each sharing tracks with the one before
   ImuBuffer imu;                        ///< covers them
-  ImuNoise noise;
+  ImuNoise noise;                       ///< the rig file's
+  NoiseFactors noise_factors;           ///< over it, to begin with
   Eigen::Quaterniond R_BC;
   Eigen::Vector3d gyroscope_bias;  ///< [rad/s]
   double td;                       ///< [s]
@@ -75,6 +76,9 @@ class InitializationAttempt {
   /// True where a batch was solved: what was wanting, if anything, is information.
   bool solved() const { return solved_; }
 
+  /// The IMU's noise over the rig file's, where a batch fits together; nothing otherwise.
+  const std::optional<NoiseFactors>& noiseFound() const { return noise_found_; }
+
   /// CPU time of run() [ms].
   double cpuMs() const { return cpu_ms_; }
 
@@ -99,6 +103,7 @@ class InitializationAttempt {
   double share_that_fits_ = 1.0;  ///< of the observations, in the batch's solution
   bool misfit_ = false;           ///< images and IMU do not fit together
   std::optional<double> prior_contradiction_;
+  std::optional<NoiseFactors> noise_found_;
   double cpu_ms_ = 0.0;
   std::vector<Preintegration> preintegrations_;  ///< between the keyframes
   StructureResult structure_;
