@@ -19,6 +19,7 @@ constexpr double kContradiction =
     15.0;                           // times the gyroscope's noise; more than one that is sound has in flight
 constexpr double kEarlier = 5.0;    // [s] noise of that long ago is remembered
 constexpr double kSlipNoise = 4.0;  // times what it was earlier
+constexpr double kSlipsOn = 1.5;    // and times what it was when the mount was seen to have moved
 constexpr double kFitRotation = 0.005;    // [rad] sigma of where the newest image says that the camera is
 constexpr double kFitTranslation = 0.01;  // [m] several times the error of such fits in simulation
 constexpr BlockKey kRotationKey{-1, BlockKind::kExtrinsicRotation};
@@ -251,6 +252,7 @@ void SlidingWindowEstimator::reopenExtrinsicsAt(const Transform& T_BC, double si
   keyframe_unfinished_ = false;
   last_sighted_ = newest().stamp;
   moved_ = newest().stamp;
+  noise_when_moved_ = noise_.factors();
   updateCovariance(newest().id);
   sighted_position_sigma_ = positionSigma();
 }
@@ -324,11 +326,12 @@ void SlidingWindowEstimator::adaptNoise() {
   earlier_noise_stamp_ = newest().stamp;
 }
 
-// While a mount slips the estimate makes up for it as long as it can, and the IMU seems to be worse and worse.
+// While a mount slips the estimate makes up for it as long as it can, and the IMU seems to be worse and worse; also after
+// the move was recognised, for that was not the whole of it.
 bool SlidingWindowEstimator::noiseHasGrown() const {
-  const NoiseFactors now = noise_.factors(), before = earlier_noise_[0];
-  return now.accelerometer > kSlipNoise * before.accelerometer ||
-         now.gyroscope > kSlipNoise * before.gyroscope;
+  const NoiseFactors now = noise_.factors(), before = earlier_noise_[0], then = noise_when_moved_;
+  return now.accelerometer > std::max(kSlipNoise * before.accelerometer, kSlipsOn * then.accelerometer) ||
+         now.gyroscope > std::max(kSlipNoise * before.gyroscope, kSlipsOn * then.gyroscope);
 }
 
 void SlidingWindowEstimator::adaptPixelSigma() {

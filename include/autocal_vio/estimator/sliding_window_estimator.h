@@ -95,6 +95,7 @@ class SlidingWindowEstimator {
   std::array<NoiseFactors, 2> earlier_noise_;  ///< of 5 to 10 s ago, and later
   TimeNs earlier_noise_stamp_ = 0;
   std::optional<TimeNs> moved_;  ///< stamp of the image that showed that the mount has moved
+  NoiseFactors noise_when_moved_;
   bool newest_is_keyframe_ = true;
   bool keyframe_unfinished_ = false;  ///< covariance, noise and marginalisation wait for the next image
   std::optional<GraphCovariance> covariance_;
