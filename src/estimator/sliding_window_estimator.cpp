@@ -16,10 +16,12 @@ constexpr double kSmallestTrackShare =
     0.5;  // of the last keyframe's tracks still seen, or it is time for another
 constexpr std::size_t kFewestPoints = 8;  // seen before, or the image ties nothing to the window
 constexpr double kContradiction =
-    15.0;                           // times the gyroscope's noise; more than one that is sound has in flight
-constexpr double kEarlier = 5.0;    // [s] noise of that long ago is remembered
-constexpr double kSlipNoise = 4.0;  // times what it was earlier
-constexpr double kSlipsOn = 1.5;    // and times what it was when the mount was seen to have moved
+    15.0;  // times the gyroscope's noise; more than one that is sound has in flight
+constexpr double kLongestOutOfBounds =
+    3.0;  // [s] as noisy an accelerometer as no batch would begin with: no shock lasts that long
+constexpr double kEarlier = 5.0;          // [s] noise of that long ago is remembered
+constexpr double kSlipNoise = 4.0;        // times what it was earlier
+constexpr double kSlipsOn = 1.5;          // and times what it was when the mount was seen to have moved
 constexpr double kFitRotation = 0.005;    // [rad] sigma of where the newest image says that the camera is
 constexpr double kFitTranslation = 0.01;  // [m] several times the error of such fits in simulation
 constexpr BlockKey kRotationKey{-1, BlockKind::kExtrinsicRotation};
@@ -110,7 +112,7 @@ SlidingWindowEstimator::SlidingWindowEstimator(VisualInertialGraph graph, const 
       standstill_({options.standstill_time, options.standstill_disparity, options.standstill_imu_ratio}) {
   graph_.landmarkMap().closeFullLandmarks();
   while (static_cast<int>(graph_.frames().size()) > options_.window_keyframes) graph_.marginalizeOldest();
-  last_sighted_ = earlier_noise_stamp_ = newest().stamp;
+  last_sighted_ = earlier_noise_stamp_ = noise_in_bounds_ = newest().stamp;
   earlier_noise_.fill(noise_.factors());
   updateCovariance(newest().id);
   sighted_position_sigma_ = positionSigma();
@@ -321,6 +323,7 @@ void SlidingWindowEstimator::adaptNoise() {
   if (!covariance_ || count < 5) return;
   noise_.addInterval(graph_, *covariance_, count / 2);
   noise_.update();
+  if (noise_.factors().accelerometer < noise_.largest()) noise_in_bounds_ = newest().stamp;
   if (toSeconds(newest().stamp - earlier_noise_stamp_) < kEarlier) return;
   earlier_noise_ = {earlier_noise_[1], noise_.factors()};
   earlier_noise_stamp_ = newest().stamp;
@@ -357,10 +360,16 @@ std::string SlidingWindowEstimator::findFault() const {
 // A mount that slips too slowly for the bump detector passes for noise of the IMU. Even if it is noticed in the end, the
 // estimate has made up for it until then.
 std::string SlidingWindowEstimator::findContradiction() const {
-  if (graph_.calibration().rotation_held) return "";
-  const double factor = noise_.factors().gyroscope;
   std::ostringstream text;
   text.precision(2);
+  if (toSeconds(newest().stamp - noise_in_bounds_) > kLongestOutOfBounds) {
+    text << "accelerometer and images contradict each other (" << noise_.largest()
+         << " times its noise and more): it was wrong at the beginning, the mount has slipped, or the IMU is "
+            "at fault";
+    return text.str();
+  }
+  if (graph_.calibration().rotation_held) return "";
+  const double factor = noise_.factors().gyroscope;
   if (factor > kContradiction) {
     text << "gyroscope and images contradict each other (" << factor
          << " times its noise): the mount has slipped, or the IMU is at fault";

@@ -24,6 +24,7 @@ GraphOptions graphOptions(const EstimatorOptions& options) {
 
 constexpr double kUnknownSigma = 1e3;         // published where nothing is known
 constexpr double kContradictionSigmas = 4.5;  // of three axes, from a prior
+constexpr double kSuspectSigmas = 2.0;        // the same where something does not fit anyhow
 constexpr double kBlindRemark = 0.3;          // [s] without usable images before the reason says so
 
 // An error of the principal point turns the camera about its x and y axes.
@@ -97,6 +98,7 @@ EstimatorResult Session::advance(const FeatureFrame& frame, const ImuBuffer& imu
 
 void Session::lose(const EstimatorResult& result, VioUpdate* update) {
   calibration_trust_ = result.calibration_trust;
+  if (result.calibration_trust == CalibrationTrust::kWithinABump) blamePrior();
   update->state = VioState::kLost;
   update->reason = result.problem;
   if (last_calibration_) update->calibration = *last_calibration_;
@@ -138,21 +140,49 @@ EstimatorResult Session::catchUp(const std::vector<FeatureFrame>& frames, const 
 
 // The estimate may have been started from a wrong prior before the rotation step could tell, and nothing looks at its
 // translation beforehand: the data alone overrule a prior that is far from them, and then it has to go, for it still
-// pulls. Not the estimate: that is held by the prior, and the tighter a wrong one is the nearer the two are.
+// pulls. The estimate itself is held by the prior, and the tighter a wrong one is the nearer the two are; but however
+// noisy the IMU seems to be where it does not fit, no estimate leaves a right prior by many of its sigmas.
 void Session::checkPrior() {
   if (!prior_ || !prior_problem_.empty()) return;
-  const Eigen::Matrix<double, 6, 1>& deviation = record_.dataDeviation();
+  const Eigen::Matrix<double, 6, 1>& of_data = record_.dataDeviation();
   const Matrix6d covariance = record_.dataCovariance() + intrinsics_share_;
-  if (!hold_rotation_ && contradicts(deviation, covariance, 3, prior_->sigma_rotation, kObservableRotation)) {
-    prior_problem_ = rotationPriorProblem(deviation.tail<3>().norm(), *prior_, false);
+  const Eigen::Vector2d off = sigmasFromPrior();
+  if (!hold_rotation_ && (off(1) > kContradictionSigmas ||
+                          contradicts(of_data, covariance, 3, prior_->sigma_rotation, kObservableRotation))) {
+    prior_problem_ = rotationPriorProblem(of_data.tail<3>().norm(), *prior_, false);
   } else if (!hold_translation_ &&
-             contradicts(deviation, covariance, 0, prior_->sigma_translation, kObservableTranslation)) {
-    prior_problem_ = translationPriorProblem(deviation.head<3>().norm(), *prior_);
+             (off(0) > kContradictionSigmas ||
+              contradicts(of_data, covariance, 0, prior_->sigma_translation, kObservableTranslation))) {
+    prior_problem_ = translationPriorProblem(of_data.head<3>().norm(), *prior_);
   } else {
     return;
   }
   estimator_->dropCalibrationPrior();
   record_.forgetSteps();  // those away from the prior
+}
+
+// How far the estimate is from what was given beforehand, [translation, rotation], in the prior's sigmas.
+Eigen::Vector2d Session::sigmasFromPrior() const {
+  const Eigen::Matrix<double, 6, 1> off =
+      deviationFrom(prior_->T_imu_cam, estimator_->graph().calibration().T_BC());
+  const Eigen::Array3d rotation =
+      intrinsics_share_.diagonal().tail<3>().array() + prior_->sigma_rotation * prior_->sigma_rotation;
+  return {off.head<3>().norm() / prior_->sigma_translation,
+          (off.tail<3>().array() / rotation.sqrt()).matrix().norm()};
+}
+
+// Images and IMU contradict each other: what was given beforehand, and has not been confirmed, is to blame where the estimate
+// strains at it.
+void Session::blamePrior() {
+  if (!prior_ || prior_->from_session || !prior_problem_.empty() ||
+      record_.knowledge(CalibrationTrust::kConverged))
+    return;
+  const Eigen::Vector2d off = sigmasFromPrior();
+  const Eigen::Matrix<double, 6, 1>& of_data = record_.dataDeviation();
+  if (!hold_rotation_ && off(1) > kSuspectSigmas && off(1) > off(0))
+    prior_problem_ = rotationPriorProblem(of_data.tail<3>().norm(), *prior_, false);
+  else if (!hold_translation_ && off(0) > kSuspectSigmas)
+    prior_problem_ = translationPriorProblem(of_data.head<3>().norm(), *prior_);
 }
 
 // Before anything has converged a moved mount is one that is not where the user said that it was.
@@ -161,10 +191,9 @@ void Session::noteMovedMount() {
       !record_.knowledge(CalibrationTrust::kConverged)) {
     const Eigen::Matrix<double, 6, 1> off =
         deviationFrom(prior_->T_imu_cam, estimator_->graph().calibration().T_BC());
-    const bool turned =
-        off.tail<3>().norm() / prior_->sigma_rotation > off.head<3>().norm() / prior_->sigma_translation;
-    prior_problem_ = turned ? rotationPriorProblem(off.tail<3>().norm(), *prior_, false)
-                            : translationPriorProblem(off.head<3>().norm(), *prior_);
+    const Eigen::Vector2d sigmas = sigmasFromPrior();
+    prior_problem_ = sigmas(1) > sigmas(0) ? rotationPriorProblem(off.tail<3>().norm(), *prior_, false)
+                                           : translationPriorProblem(off.head<3>().norm(), *prior_);
   }
   prior_.reset();
   record_.noteMovedMount();

@@ -37,6 +37,7 @@ class NoiseAdaptation {
   void forgetEvidence();
 
   const NoiseFactors& factors() const { return factors_; }
+  double largest() const { return largest_; }
   ImuNoise noise() const { return scaled(nominal_, factors_); }
 
  private:

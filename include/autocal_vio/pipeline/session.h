@@ -61,6 +61,8 @@ class Session {
   void startEstimator(InitializedProblem problem, TimeNs stamp);
   void continueFromLastPose();
   void checkPrior();
+  Eigen::Vector2d sigmasFromPrior() const;
+  void blamePrior();
   void noteMovedMount();
   void lose(const EstimatorResult& result, VioUpdate* update);
   void fillFromInitializer(VioUpdate* update) const;
