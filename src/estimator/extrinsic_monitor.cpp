@@ -25,6 +25,13 @@ Vector6d sigmasOf(const Eigen::Matrix<double, 6, 6>& covariance) {
   return sigma;
 }
 
+// To two digits, never down to the limit that it exceeds.
+double roundedUp(double value) {
+  if (!(value > 0.0) || !std::isfinite(value)) return value;
+  const double unit = std::pow(10.0, std::floor(std::log10(value)) - 1.0);
+  return std::ceil(value / unit) * unit;
+}
+
 // Largest move between two estimates, in sigmas of the axis.
 double largestStep(const CalibrationSample& from, const CalibrationSample& to, const Vector6d& sigma) {
   if (!from.T_BC.isFinite() || !to.T_BC.isFinite()) return std::numeric_limits<double>::infinity();
@@ -71,17 +78,18 @@ void ExtrinsicMonitor::judge() {
   why.precision(2);
   advice_.clear();
   if (!(sigma_rotation < slack * options_.max_sigma_rotation_deg)) {
-    why << "rotation about " << kAxes[worst_rotation] << " of the camera is known to " << sigma_rotation
-        << " deg by the motion alone (sigma), needs " << options_.max_sigma_rotation_deg;
+    why << "rotation about " << kAxes[worst_rotation] << " of the camera is known to "
+        << roundedUp(sigma_rotation) << " deg by the motion alone (sigma), needs "
+        << options_.max_sigma_rotation_deg;
     advice_ = std::string("rotate about axes other than the camera's ") + kAxes[worst_rotation];
   } else if (!(sigma_translation < slack * options_.max_sigma_translation)) {
     why << "translation along " << kAxes[worst_translation] << " of the IMU is known to "
-        << 1e3 * sigma_translation << " mm by the motion alone (sigma), needs "
+        << roundedUp(1e3 * sigma_translation) << " mm by the motion alone (sigma), needs "
         << 1e3 * options_.max_sigma_translation;
     advice_ =
         std::string("rotate quickly to and fro about axes other than the IMU's ") + kAxes[worst_translation];
   } else if (!(now.sigma_td < slack * options_.max_sigma_td)) {
-    why << "the time offset is known to " << 1e3 * now.sigma_td << " ms (sigma), needs "
+    why << "the time offset is known to " << roundedUp(1e3 * now.sigma_td) << " ms (sigma), needs "
         << 1e3 * options_.max_sigma_td;
     advice_ = "rotate to and fro";
   } else if (!(pull_rotation < slack * options_.max_sigma_rotation_deg &&

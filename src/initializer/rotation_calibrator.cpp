@@ -361,6 +361,7 @@ void RotationCalibrator::judge(const RotationCalibration& solution) {
         "deg/s, axes of "
         "another hand, stamps of another clock?)",
         solution.residual_scale);
+    if (e.motion_advice.empty()) e.motion_advice = "go on turning the rig about two axes";
   } else if (worst > limit) {
     e.reason = withNumber("the rotation is known to %.2f deg only", worst / kDegree);
     e.motion_advice = rotationAdvice(excitation, std::numeric_limits<double>::infinity());
