@@ -16,7 +16,7 @@ constexpr double kSmallestTrackShare =
     0.5;  // of the last keyframe's tracks still seen, or it is time for another
 constexpr std::size_t kFewestPoints = 8;  // seen before, or the image ties nothing to the window
 constexpr double kContradiction =
-    15.0;  // times the gyroscope's noise; more than one that is sound has in flight
+    30.0;  // times the gyroscope's noise; a sound one has 5 in flight, and 10 to 25 where stamps jitter by 2 ms
 constexpr double kLongestOutOfBounds =
     3.0;  // [s] as noisy an accelerometer as no batch would begin with: no shock lasts that long
 constexpr double kEarlier = 5.0;          // [s] noise of that long ago is remembered
