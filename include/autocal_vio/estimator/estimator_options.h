@@ -13,7 +13,7 @@ struct EstimatorOptions {
   double mount_rotation_walk_deg = 5e-4;
   double mount_translation_walk = 2e-5;
   double sigma_inflation = 1.1;
-  double image_accuracy = 0.1;
+  double image_accuracy = 0.05;
   double standstill_time = 1.0;
   double standstill_disparity = 3.0;
   double standstill_imu_ratio = 2.0;
