@@ -112,7 +112,7 @@ SlidingWindowEstimator::SlidingWindowEstimator(VisualInertialGraph graph, const 
       standstill_({options.standstill_time, options.standstill_disparity, options.standstill_imu_ratio}) {
   graph_.landmarkMap().closeFullLandmarks();
   while (static_cast<int>(graph_.frames().size()) > options_.window_keyframes) graph_.marginalizeOldest();
-  last_sighted_ = earlier_noise_stamp_ = noise_in_bounds_ = newest().stamp;
+  last_sighted_ = earlier_noise_stamp_ = newest().stamp;
   earlier_noise_.fill(noise_.factors());
   updateCovariance(newest().id);
   sighted_position_sigma_ = positionSigma();
@@ -323,7 +323,12 @@ void SlidingWindowEstimator::adaptNoise() {
   if (!covariance_ || count < 5) return;
   noise_.addInterval(graph_, *covariance_, count / 2);
   noise_.update();
-  if (noise_.factors().accelerometer < noise_.largest()) noise_in_bounds_ = newest().stamp;
+  if (noise_.factors().accelerometer < noise_.largest())
+    out_of_bounds_.reset();
+  else if (!out_of_bounds_)
+    out_of_bounds_ = newest().stamp;
+  accelerometer_contradicts_ =
+      out_of_bounds_ && toSeconds(newest().stamp - *out_of_bounds_) > kLongestOutOfBounds;
   if (toSeconds(newest().stamp - earlier_noise_stamp_) < kEarlier) return;
   earlier_noise_ = {earlier_noise_[1], noise_.factors()};
   earlier_noise_stamp_ = newest().stamp;
@@ -362,7 +367,7 @@ std::string SlidingWindowEstimator::findFault() const {
 std::string SlidingWindowEstimator::findContradiction() const {
   std::ostringstream text;
   text.precision(2);
-  if (toSeconds(newest().stamp - noise_in_bounds_) > kLongestOutOfBounds) {
+  if (accelerometer_contradicts_) {
     text << "accelerometer and images contradict each other (" << noise_.largest()
          << " times its noise and more): it was wrong at the beginning, the mount has slipped, or the IMU is "
             "at fault";

@@ -415,7 +415,8 @@ TEST(InitializerMonteCarlo, AnyRig) {
   const std::vector<Outcome> claims = claimed(outcomes);
   ASSERT_GE(claims.size(), 0.9 * static_cast<double>(outcomes.size()));
   EXPECT_LT(quantile(claims, 0.95, [](const Outcome& o) { return o.at_claim.rotationDeg(); }), 0.2);
-  EXPECT_LT(quantile(claims, 0.95, [](const Outcome& o) { return o.at_claim.translation(); }), fullTable() ? 0.01 : 0.015);
+  EXPECT_LT(quantile(claims, 0.95, [](const Outcome& o) { return o.at_claim.translation(); }),
+            fullTable() ? 0.01 : 0.015);
   EXPECT_GE(shareWithin3Sigma(claims, atClaim), fullTable() ? 0.95 : 0.75);
 }
 

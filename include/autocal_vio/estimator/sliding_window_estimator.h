@@ -94,7 +94,8 @@ class SlidingWindowEstimator {
   BumpDetector bump_detector_;
   std::array<NoiseFactors, 2> earlier_noise_;  ///< of 5 to 10 s ago, and later
   TimeNs earlier_noise_stamp_ = 0;
-  TimeNs noise_in_bounds_ = 0;   ///< stamp of the last image with an accelerometer's noise below the largest
+  std::optional<TimeNs> out_of_bounds_;  ///< since when the accelerometer's noise has been the largest
+  bool accelerometer_contradicts_ = false;
   std::optional<TimeNs> moved_;  ///< stamp of the image that showed that the mount has moved
   NoiseFactors noise_when_moved_;
   bool newest_is_keyframe_ = true;
