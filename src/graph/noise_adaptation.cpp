@@ -23,9 +23,8 @@ constexpr double kMaxPixelSigma = 3.0;  // [px]
 constexpr double kFade = 0.99;          // per update: evidence lives for some 100 intervals
 constexpr double kPriorEvidence = 0.5;  // degrees of freedom that speak for the factors staying
 constexpr double kDamping = 0.7;  // neighbouring intervals are correlated, which the information leaves out
-constexpr double kLargestRatio = 9.0;    // of the variance, in one update
-constexpr double kSmallestTotal = 0.01;  // of what rounding may leave of a variance's share
-constexpr double kOutlierRatio = 25.0;   // an interval further out than this is no noise but a fault
+constexpr double kLargestRatio = 9.0;   // of the variance, in one update
+constexpr double kOutlierRatio = 25.0;  // an interval further out than this is no noise but a fault
 
 // Residual [p, theta, v] of an interval and its Jacobian by both frames' tangents [pose_i motion_i pose_j motion_j].
 void intervalResidual(const FrameState& i, const FrameState& j, const Eigen::Vector3d& g, Vector9d* r,
@@ -110,13 +109,11 @@ void NoiseAdaptation::addInterval(const VisualInertialGraph& graph, const GraphC
   for (int k = 0; k < 2; ++k) {
     const double expected = (M[k] * U).trace(), observed = r.dot(M[k] * r);
     if (!(expected > 0.0) || !std::isfinite(observed)) return;
-    evidence.observed(k) = std::min(observed, kOutlierRatio * expected);
-    evidence.expected(k) = expected;
+    evidence.score(k) = std::min(observed, kOutlierRatio * expected) - expected;
     for (int l = 0; l < 2; ++l) evidence.information(k, l) = (M[k] * U * M[l] * U).trace();
   }
   if (!evidence.information.allFinite()) return;
-  evidence_.observed += evidence.observed;
-  evidence_.expected += evidence.expected;
+  evidence_.score += evidence.score;
   evidence_.information += evidence.information;
 }
 
@@ -173,21 +170,20 @@ void NoiseAdaptation::forgetEvidence() {
 // residual to be absorbed, and would take one sensor's noise for the other's.
 Eigen::Vector2d NoiseAdaptation::step() const {
   const Eigen::Matrix2d information = evidence_.information + kPriorEvidence * Eigen::Matrix2d::Identity();
-  const Eigen::Vector2d score = evidence_.observed - evidence_.expected;
-  Eigen::Vector2d step = information.ldlt().solve(score);
+  Eigen::Vector2d step = information.ldlt().solve(evidence_.score);
   const double factors[2] = {factors_.accelerometer, factors_.gyroscope};
   for (int k = 0; k < 2; ++k) {
     // A sensor at its data sheet stays there; what it cannot explain is left to the other.
     if (factors[k] > 1.0 || step(k) > 0.0) continue;
     step(k) = 0.0;
-    step(1 - k) = score(1 - k) / information(1 - k, 1 - k);
+    step(1 - k) = evidence_.score(1 - k) / information(1 - k, 1 - k);
   }
   return step;
 }
 
 void NoiseAdaptation::update() {
   const Eigen::Vector2d wanted = step();
-  Eigen::Vector2d ratios;
+  Eigen::Vector2d taken;
   double* const factors[2] = {&factors_.accelerometer, &factors_.gyroscope};
   for (int k = 0; k < 2; ++k) {
     // Down by as large a factor as up: a variance has no negative values to step through.
@@ -196,29 +192,11 @@ void NoiseAdaptation::update() {
         std::clamp(step > 0.0 ? 1.0 + step : 1.0 / (1.0 - step), 1.0 / kLargestRatio, kLargestRatio);
     const double before = *factors[k];
     *factors[k] = std::clamp(before * std::sqrt(ratio), 1.0, largest_);
-    ratios(k) = std::pow(*factors[k] / before, 2);
+    taken(k) = std::pow(*factors[k] / before, 2) - 1.0;
   }
-  evidence_.rescale(ratios);
-  evidence_.observed *= kFade;
-  evidence_.expected *= kFade;
+  // The evidence was gathered at the old factors: what the step has answered is no evidence any more.
+  evidence_.score = kFade * (evidence_.score - evidence_.information * taken);
   evidence_.information *= kFade;
-}
-
-// Of a scalar residual whose innovation has variance T = a + g + n (both sensors, images), the states leave
-// (a + g)^2 / T, and its terms are o_k = k z^2 / T^2, e_k = k / T and I_kl = k l / T^2. So I_kl / e_k is the share of l
-// in T, and tells T at other variances. Were the terms taken as linear in the step, evidence from where the IMU is
-// trusted too much would promise more than it holds, and evidence from where it is trusted too little would never let go.
-void NoiseAdaptation::Evidence::rescale(const Eigen::Vector2d& ratios) {
-  Eigen::Vector2d gain;
-  for (int k = 0; k < 2; ++k) {
-    double total = 1.0;
-    if (expected(k) > 0.0) total += information.row(k).dot(ratios - Eigen::Vector2d::Ones()) / expected(k);
-    total = std::max(total, kSmallestTotal);
-    gain(k) = ratios(k) / total;
-    observed(k) *= gain(k) / total;
-    expected(k) *= gain(k);
-  }
-  information = gain.asDiagonal() * information * gain.asDiagonal();
 }
 
 }  // namespace autocal_vio

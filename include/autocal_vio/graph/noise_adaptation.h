@@ -30,7 +30,7 @@ class NoiseAdaptation {
   /// Adds the evidence of the interval that ends at frame `index` of the solved graph.
   void addInterval(const VisualInertialGraph& graph, const GraphCovariance& covariance, std::size_t index);
 
-  /// Moves the factors towards what the evidence says, and lets old evidence fade.
+  /// Moves the factors to what the evidence since the last update says, and lets old evidence fade.
   void update();
 
   /// Forgets the evidence and keeps the factors.
@@ -43,12 +43,8 @@ class NoiseAdaptation {
  private:
   // Of the variances of [accelerometer, gyroscope], relative to the present ones.
   struct Evidence {
-    Eigen::Vector2d observed = Eigen::Vector2d::Zero();  // r^T M_k r; less `expected`: twice the gradient of
-    Eigen::Vector2d expected = Eigen::Vector2d::Zero();  // the log-likelihood
+    Eigen::Vector2d score = Eigen::Vector2d::Zero();        // twice the gradient of the log-likelihood
     Eigen::Matrix2d information = Eigen::Matrix2d::Zero();  // twice Fisher's
-
-    // To variances that are `ratios` times the present ones.
-    void rescale(const Eigen::Vector2d& ratios);
   };
 
   Eigen::Vector2d step() const;
