@@ -19,9 +19,10 @@ constexpr double kContradiction =
     30.0;  // times the gyroscope's noise; a sound one has 5 in flight, and 10 to 25 where stamps jitter by 2 ms
 constexpr double kLongestOutOfBounds =
     3.0;  // [s] as noisy an accelerometer as no batch would begin with: no shock lasts that long
-constexpr double kEarlier = 5.0;          // [s] noise of that long ago is remembered
-constexpr double kSlipNoise = 4.0;        // times what it was earlier
-constexpr double kSlipsOn = 1.5;          // and times what it was when the mount was seen to have moved
+constexpr double kEarlier = 5.0;     // [s] noise of that long ago is remembered
+constexpr double kSlipNoise = 8.0;   // times the gyroscope's noise in the last second; without a slip 5, and
+constexpr double kSlipGrowth = 3.5;  // times what many keyframes say; without a slip up to 2.5
+constexpr double kSlipsOn = 4.0;     // times either noise before the mount was seen to have moved
 constexpr double kFitRotation = 0.005;    // [rad] sigma of where the newest image says that the camera is
 constexpr double kFitTranslation = 0.01;  // [m] several times the error of such fits in simulation
 constexpr BlockKey kRotationKey{-1, BlockKind::kExtrinsicRotation};
@@ -254,7 +255,7 @@ void SlidingWindowEstimator::reopenExtrinsicsAt(const Transform& T_BC, double si
   keyframe_unfinished_ = false;
   last_sighted_ = newest().stamp;
   moved_ = newest().stamp;
-  noise_when_moved_ = noise_.factors();
+  noise_.forgetRecent();
   updateCovariance(newest().id);
   sighted_position_sigma_ = positionSigma();
 }
@@ -335,11 +336,16 @@ void SlidingWindowEstimator::adaptNoise() {
 }
 
 // While a mount slips the estimate makes up for it as long as it can, and the IMU seems to be worse and worse; also after
-// the move was recognised, for that was not the whole of it.
-bool SlidingWindowEstimator::noiseHasGrown() const {
-  const NoiseFactors now = noise_.factors(), before = earlier_noise_[0], then = noise_when_moved_;
-  return now.accelerometer > std::max(kSlipNoise * before.accelerometer, kSlipsOn * then.accelerometer) ||
-         now.gyroscope > std::max(kSlipNoise * before.gyroscope, kSlipsOn * then.gyroscope);
+// a move was recognised, for that was not the whole of it. No vibration multiplies the gyroscope's noise within a second
+// as a slip does.
+bool SlidingWindowEstimator::mountSlips() const {
+  const std::optional<NoiseFactors> recent = noise_.recentFactors();
+  if (!recent) return false;
+  if (recent->gyroscope > std::max(kSlipNoise, kSlipGrowth * noise_.factors().gyroscope)) return true;
+  const NoiseFactors& earlier = earlier_noise_[0];
+  return moved_ && toSeconds(newest().stamp - *moved_) < kEarlier &&
+         (recent->accelerometer > kSlipsOn * earlier.accelerometer ||
+          recent->gyroscope > kSlipsOn * earlier.gyroscope);
 }
 
 void SlidingWindowEstimator::adaptPixelSigma() {
@@ -378,8 +384,8 @@ std::string SlidingWindowEstimator::findContradiction() const {
   if (factor > kContradiction) {
     text << "gyroscope and images contradict each other (" << factor
          << " times its noise): the mount has slipped, or the IMU is at fault";
-  } else if (moved_ && toSeconds(newest().stamp - *moved_) < kEarlier && noiseHasGrown()) {
-    text << "the camera has moved on its mount, but not at once";
+  } else if (mountSlips()) {
+    text << "the camera has moved on its mount, but not at once, or the IMU is at fault";
   }
   return text.str();
 }

@@ -2,6 +2,7 @@
 
 #include <Eigen/Cholesky>
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "autocal_vio/geometry/so3.h"
@@ -23,8 +24,11 @@ constexpr double kMaxPixelSigma = 3.0;  // [px]
 constexpr double kFade = 0.99;          // per update: evidence lives for some 100 intervals
 constexpr double kPriorEvidence = 0.5;  // degrees of freedom that speak for the factors staying
 constexpr double kDamping = 0.7;  // neighbouring intervals are correlated, which the information leaves out
-constexpr double kLargestRatio = 9.0;   // of the variance, in one update
-constexpr double kOutlierRatio = 25.0;  // an interval further out than this is no noise but a fault
+constexpr double kLargestRatio = 9.0;        // of the variance, in one update
+constexpr double kSmallestTotal = 0.01;      // of what rounding may leave of a variance's share
+constexpr double kLeastExpected = 1e-3;      // degrees of freedom, below which rounding decides
+constexpr std::size_t kRecentIntervals = 5;  // of which two may be faults of their own
+constexpr double kOutlierRatio = 25.0;       // an interval further out than this is no noise but a fault
 
 // Residual [p, theta, v] of an interval and its Jacobian by both frames' tangents [pose_i motion_i pose_j motion_j].
 void intervalResidual(const FrameState& i, const FrameState& j, const Eigen::Vector3d& g, Vector9d* r,
@@ -106,15 +110,23 @@ void NoiseAdaptation::addInterval(const VisualInertialGraph& graph, const GraphC
       C_inverse * componentCovariance(pre, 0.0, pre.noise().accelerometer_noise_density) * C_inverse,
       C_inverse * componentCovariance(pre, pre.noise().gyroscope_noise_density, 0.0) * C_inverse};
   Evidence evidence;
+  Eigen::Vector2d shown;
   for (int k = 0; k < 2; ++k) {
     const double expected = (M[k] * U).trace(), observed = r.dot(M[k] * r);
     if (!(expected > 0.0) || !std::isfinite(observed)) return;
-    evidence.score(k) = std::min(observed, kOutlierRatio * expected) - expected;
+    shown(k) = observed / expected;
+    evidence.observed(k) = std::min(observed, kOutlierRatio * expected);
+    evidence.expected(k) = expected;
     for (int l = 0; l < 2; ++l) evidence.information(k, l) = (M[k] * U * M[l] * U).trace();
   }
   if (!evidence.information.allFinite()) return;
-  evidence_.score += evidence.score;
+  evidence_.observed += evidence.observed;
+  evidence_.expected += evidence.expected;
   evidence_.information += evidence.information;
+  if (evidence.expected.minCoeff() < kLeastExpected) return;
+  recent_.push_back(shown.cwiseProduct(
+      Eigen::Vector2d(factors_.accelerometer, factors_.gyroscope).array().square().matrix()));
+  if (recent_.size() > kRecentIntervals) recent_.pop_front();
 }
 
 double fittedPixelError(const VisualInertialGraph& graph, int* count) {
@@ -166,24 +178,37 @@ void NoiseAdaptation::forgetEvidence() {
   evidence_ = Evidence();
 }
 
+std::optional<NoiseFactors> NoiseAdaptation::recentFactors() const {
+  if (recent_.size() < kRecentIntervals) return std::nullopt;
+  const auto median = [this](int k) {
+    std::array<double, kRecentIntervals> values;
+    std::transform(recent_.begin(), recent_.end(), values.begin(),
+                   [k](const Eigen::Vector2d& shown) { return shown(k); });
+    std::nth_element(values.begin(), values.begin() + kRecentIntervals / 2, values.end());
+    return std::sqrt(values[kRecentIntervals / 2]);
+  };
+  return NoiseFactors{median(0), median(1)};
+}
+
 // Fisher scoring: the ratio of observed to expected squares alone would creep where the images leave most of the
 // residual to be absorbed, and would take one sensor's noise for the other's.
 Eigen::Vector2d NoiseAdaptation::step() const {
   const Eigen::Matrix2d information = evidence_.information + kPriorEvidence * Eigen::Matrix2d::Identity();
-  Eigen::Vector2d step = information.ldlt().solve(evidence_.score);
+  const Eigen::Vector2d score = evidence_.observed - evidence_.expected;
+  Eigen::Vector2d step = information.ldlt().solve(score);
   const double factors[2] = {factors_.accelerometer, factors_.gyroscope};
   for (int k = 0; k < 2; ++k) {
     // A sensor at its data sheet stays there; what it cannot explain is left to the other.
     if (factors[k] > 1.0 || step(k) > 0.0) continue;
     step(k) = 0.0;
-    step(1 - k) = evidence_.score(1 - k) / information(1 - k, 1 - k);
+    step(1 - k) = score(1 - k) / information(1 - k, 1 - k);
   }
   return step;
 }
 
 void NoiseAdaptation::update() {
   const Eigen::Vector2d wanted = step();
-  Eigen::Vector2d taken;
+  Eigen::Vector2d ratios;
   double* const factors[2] = {&factors_.accelerometer, &factors_.gyroscope};
   for (int k = 0; k < 2; ++k) {
     // Down by as large a factor as up: a variance has no negative values to step through.
@@ -192,11 +217,29 @@ void NoiseAdaptation::update() {
         std::clamp(step > 0.0 ? 1.0 + step : 1.0 / (1.0 - step), 1.0 / kLargestRatio, kLargestRatio);
     const double before = *factors[k];
     *factors[k] = std::clamp(before * std::sqrt(ratio), 1.0, largest_);
-    taken(k) = std::pow(*factors[k] / before, 2) - 1.0;
+    ratios(k) = std::pow(*factors[k] / before, 2);
   }
-  // The evidence was gathered at the old factors: what the step has answered is no evidence any more.
-  evidence_.score = kFade * (evidence_.score - evidence_.information * taken);
+  evidence_.rescale(ratios);
+  evidence_.observed *= kFade;
+  evidence_.expected *= kFade;
   evidence_.information *= kFade;
+}
+
+// Of a scalar residual whose innovation has variance T = a + g + n (both sensors, images), the states leave
+// (a + g)^2 / T, and its terms are o_k = k z^2 / T^2, e_k = k / T and I_kl = k l / T^2. So I_kl / e_k is the share of l
+// in T, and tells T at other variances. Were the terms taken as linear in the step, evidence from where the IMU is
+// trusted too much would promise more than it holds, and evidence from where it is trusted too little would never let go.
+void NoiseAdaptation::Evidence::rescale(const Eigen::Vector2d& ratios) {
+  Eigen::Vector2d gain;
+  for (int k = 0; k < 2; ++k) {
+    double total = 1.0;
+    if (expected(k) > 0.0) total += information.row(k).dot(ratios - Eigen::Vector2d::Ones()) / expected(k);
+    total = std::max(total, kSmallestTotal);
+    gain(k) = ratios(k) / total;
+    observed(k) *= gain(k) / total;
+    expected(k) *= gain(k);
+  }
+  information = gain.asDiagonal() * information * gain.asDiagonal();
 }
 
 }  // namespace autocal_vio

@@ -137,6 +137,51 @@ TEST(NoiseAdaptation, OneUpdateChangesTheFactorByThreeAtMost) {
   EXPECT_LE(batch.noise.factors().gyroscope, 3.0);
 }
 
+// Evidence is gathered at the factors that were believed then. Taken as linear in what they have changed since, it let a
+// factor of 40 come down to 3 only after half a minute.
+TEST(NoiseAdaptation, EvidenceGatheredAtFactorsTooLargeLeadsBackDown) {
+  Batch batch = makeBatch(NoiseCase(), 40.0);
+  const ImuNoise nominal = batch.graph.frames().back().preintegration->noise();
+  batch.noise = NoiseAdaptation(nominal, 40.0, {40.0, 20.0});
+  for (FrameState& frame : batch.graph.frames())
+    if (frame.preintegration) frame.preintegration->repropagate(frame.bias(), batch.noise.noise());
+  ASSERT_TRUE(batch.graph.solve(20).usable);
+  const std::optional<GraphCovariance> covariance = batch.graph.covariance();
+  ASSERT_TRUE(covariance);
+  for (std::size_t i = 1; i < batch.graph.frames().size(); ++i)
+    batch.noise.addInterval(batch.graph, *covariance, i);
+  for (int i = 0; i < 20; ++i) batch.noise.update();
+  const NoiseFactors found = batch.noise.factors();
+  std::printf("from 40 20: %.2f %.2f\n", found.accelerometer, found.gyroscope);
+  EXPECT_LT(found.accelerometer, 2.0);
+  EXPECT_LT(found.gyroscope, 2.0);
+}
+
+// Noise that grows suddenly: what many intervals say changes little at first.
+TEST(NoiseAdaptation, TheLastFewIntervalsShowNoiseThatHasGrown) {
+  double shown[2];
+  for (const bool grown : {false, true}) {
+    NoiseCase noise;
+    noise.truth = {1.0, grown ? 20.0 : 1.0};
+    Batch batch = makeBatch(noise, 40.0);
+    ASSERT_TRUE(batch.graph.solve(20).usable);
+    const std::optional<GraphCovariance> covariance = batch.graph.covariance();
+    ASSERT_TRUE(covariance);
+    for (std::size_t i = 21; i <= 25; ++i) {
+      EXPECT_FALSE(batch.noise.recentFactors());
+      batch.noise.addInterval(batch.graph, *covariance, i);
+    }
+    const std::optional<NoiseFactors> recent = batch.noise.recentFactors();
+    ASSERT_TRUE(recent);
+    shown[grown] = recent->gyroscope;
+    batch.noise.forgetRecent();
+    EXPECT_FALSE(batch.noise.recentFactors());
+  }
+  std::printf("gyroscope, of 1: %.2f, of 20: %.2f\n", shown[0], shown[1]);
+  EXPECT_LT(shown[0], 2.0);
+  EXPECT_GT(shown[1], 4.0);
+}
+
 TEST(NoiseAdaptation, ScalesTheDensitiesAndNotTheWalks) {
   ImuNoise nominal;
   nominal.accelerometer_noise_density = 2e-3;

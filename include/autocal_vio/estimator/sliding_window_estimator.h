@@ -81,7 +81,7 @@ class SlidingWindowEstimator {
   double positionSigma() const;
   std::string findLoss(TimeNs stamp) const;
   void adaptNoise();
-  bool noiseHasGrown() const;
+  bool mountSlips() const;
   void adaptPixelSigma();
   std::string findFault() const;
   std::string findContradiction() const;
@@ -97,7 +97,6 @@ class SlidingWindowEstimator {
   std::optional<TimeNs> out_of_bounds_;  ///< since when the accelerometer's noise has been the largest
   bool accelerometer_contradicts_ = false;
   std::optional<TimeNs> moved_;  ///< stamp of the image that showed that the mount has moved
-  NoiseFactors noise_when_moved_;
   bool newest_is_keyframe_ = true;
   bool keyframe_unfinished_ = false;  ///< covariance, noise and marginalisation wait for the next image
   std::optional<GraphCovariance> covariance_;

@@ -5,6 +5,7 @@
 // E[r^T M_k r] = tr(M_k (C - A P A^T)) when the factors f are right, where A P A^T is what the states absorbed.
 #pragma once
 
+#include <deque>
 #include <optional>
 #include <string>
 
@@ -30,11 +31,18 @@ class NoiseAdaptation {
   /// Adds the evidence of the interval that ends at frame `index` of the solved graph.
   void addInterval(const VisualInertialGraph& graph, const GraphCovariance& covariance, std::size_t index);
 
-  /// Moves the factors to what the evidence since the last update says, and lets old evidence fade.
+  /// Moves the factors towards what the evidence says, and lets old evidence fade.
   void update();
 
   /// Forgets the evidence and keeps the factors.
   void forgetEvidence();
+
+  /// What the last few intervals alone show, in the median, from 0 on; nothing before there are enough. Faults show
+  /// in it within a second, which the factors follow only in many; it says too little while the factors are too small.
+  std::optional<NoiseFactors> recentFactors() const;
+
+  /// Begins anew to collect what recentFactors() needs.
+  void forgetRecent() { recent_.clear(); }
 
   const NoiseFactors& factors() const { return factors_; }
   double largest() const { return largest_; }
@@ -43,8 +51,12 @@ class NoiseAdaptation {
  private:
   // Of the variances of [accelerometer, gyroscope], relative to the present ones.
   struct Evidence {
-    Eigen::Vector2d score = Eigen::Vector2d::Zero();        // twice the gradient of the log-likelihood
+    Eigen::Vector2d observed = Eigen::Vector2d::Zero();  // r^T M_k r; less `expected`: twice the gradient of
+    Eigen::Vector2d expected = Eigen::Vector2d::Zero();  // the log-likelihood
     Eigen::Matrix2d information = Eigen::Matrix2d::Zero();  // twice Fisher's
+
+    // To variances that are `ratios` times the present ones.
+    void rescale(const Eigen::Vector2d& ratios);
   };
 
   Eigen::Vector2d step() const;
@@ -53,6 +65,7 @@ class NoiseAdaptation {
   double largest_;
   NoiseFactors factors_;
   Evidence evidence_;
+  std::deque<Eigen::Vector2d> recent_;  ///< variances that intervals show, over the nominal ones
 };
 
 /// Standard deviation of the solved graph's reprojection errors per axis [px], from their median so that outliers do not
