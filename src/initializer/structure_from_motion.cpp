@@ -241,6 +241,7 @@ StructureResult structureFromMotion(const std::vector<FeatureFrame>& keyframes,
   result.parallax_px = *parallax_px;
   if (result.parallax_px < options.min_parallax_px) {
     std::ostringstream reason;
+    reason.precision(2);
     reason << "the camera has not translated enough: parallax " << result.parallax_px << " px, needs "
            << options.min_parallax_px << " px";
     result.failure = reason.str();

@@ -106,34 +106,38 @@ TEST(MovedMount, CalibratesAgainWithRealisticNoise) {
   expectSeedsFollowed(FeatureSimulationOptions::realistic, "realistic");
 }
 
-// Too slow for the bump detector: the estimate is found to be contradicted, lost, and begun anew from nothing certain.
+// Too slow for the bump detector: the estimate is found to be contradicted, lost, and begun anew from nothing certain. What
+// begins while the mount still slips is honest, and may take half a minute to be converged.
 TEST(MovedMount, ASlipIsFoundByItsContradiction) {
   const int seeds = static_cast<int>(wished("AUTOCAL_VIO_SEEDS", 1));
-  for (int run_of = 0; run_of < 4 * seeds; ++run_of) {
-    const double duration = std::array<double, 4>{0.6, 1.0, 2.0, 3.0}[run_of % 4];
+  for (int i = 0; i < 4 * seeds; ++i) {
+    const double duration = std::array<double, 4>{0.6, 1.0, 2.0, 3.0}[i % 4];
     const Bump bump{15.0, 2.0, 0.02, duration};
-    const Stream stream = bumpedStream(FeatureSimulationOptions::euroc(2 + run_of / 4), bump, 45.0);
+    const int seed = 2 + i / 4;
+    const Stream stream = bumpedStream(FeatureSimulationOptions::euroc(seed), bump, 45.0);
     const FaultRun run = runStream(stream, stream.data().rig.rig, VioOptions());
     EXPECT_EQ(run.before(bump.time).update.state, VioState::kConverged);
-    printStates(run);
     const FaultRecord *doubted = nullptr, *claim = nullptr;
     for (const FaultRecord& r : run.records) {
       const bool converged = r.update.state == VioState::kConverged;
       if (!doubted && r.time > bump.time && !converged) doubted = &r;
       if (doubted && !claim && converged) claim = &r;
     }
-    EXPECT_TRUE(doubted) << duration;
-    EXPECT_TRUE(claim) << duration;
-    if (!doubted || !claim) continue;
+    ASSERT_TRUE(doubted) << seed << ", " << duration;
     EXPECT_LT(doubted->time, bump.time + duration + 5.0);
-    EXPECT_LT(errorInSigmas(*claim), 4.0);
-    EXPECT_LT(rotationErrorNow(*claim), 0.3);
-    EXPECT_LT(translationErrorNow(*claim), 0.02);
-    std::printf(
-        "  slip of %.1f s: doubted %.1f s after its beginning, converged %.1f s; claim %.3f deg %.1f mm %.1f "
-        "sigma\n",
-        duration, doubted->time - bump.time, claim->time - bump.time, rotationErrorNow(*claim),
-        1e3 * translationErrorNow(*claim), errorInSigmas(*claim));
+    for (const FaultRecord& r : {claim ? *claim : run.last(), run.last()}) {
+      EXPECT_LT(errorInSigmas(r), 4.0);
+      EXPECT_LT(rotationErrorNow(r), 0.3);
+      EXPECT_LT(translationErrorNow(r), 0.02);
+    }
+    std::printf("  slip of %.1f s, seed %d: doubted %.1f s after its beginning, ", duration, seed,
+                doubted->time - bump.time);
+    if (claim)
+      std::printf("converged %.1f s; %.3f deg %.1f mm %.1f sigma then\n", claim->time - bump.time,
+                  rotationErrorNow(*claim), 1e3 * translationErrorNow(*claim), errorInSigmas(*claim));
+    else
+      std::printf("not converged; %.3f deg %.1f mm %.1f sigma at the end\n", rotationErrorNow(run.last()),
+                  1e3 * translationErrorNow(run.last()), errorInSigmas(run.last()));
   }
 }
 
