@@ -160,10 +160,18 @@ void CalibratingInitializer::addKeyframe(const FeatureFrame& frame, const ImuBuf
 void CalibratingInitializer::checkPrior() {
   const std::optional<double>& angle = rotation_calibrator_.priorContradiction();
   if (!prior_ || !angle) return;
-  prior_problem_ = rotationPriorProblem(*angle, *prior_, hold_rotation_ || hold_translation_);
-  if (hold_rotation_ || hold_translation_) return;
+  const bool held = hold_rotation_ || hold_translation_;
+  const std::string problem = rotationPriorProblem(*angle, *prior_, held);
+  if (held)
+    prior_problem_ = problem;
+  else
+    dropPrior(problem);
+}
+
+// Whoever is wrong about the rotation is not to be trusted with the translation, and the other way round.
+void CalibratingInitializer::dropPrior(const std::string& problem) {
+  prior_problem_ = problem;
   outdateAttempt();
-  // Whoever is wrong about the rotation is not to be trusted with the translation.
   prior_.reset();
   rotation_calibrator_.dropRotationPrior();
   status_.p_BC.setZero();
@@ -251,8 +259,10 @@ void CalibratingInitializer::conclude(const InitializationAttempt& attempt) {
   if (attempt.solved() && !first_solution_) first_solution_ = last_attempt_;
   noise_factors_ = attempt.noiseFound().value_or(NoiseFactors());
   attempt_pause_ = options_.attempt_interval * attempt.patience();
-  if (attempt.priorContradiction())
-    prior_problem_ = translationPriorProblem(*attempt.priorContradiction(), *prior_);
+  if (attempt.rotationContradiction())
+    dropPrior(rotationPriorProblem(*attempt.rotationContradiction(), *prior_, false));
+  else if (attempt.translationContradiction())
+    dropPrior(translationPriorProblem(*attempt.translationContradiction(), *prior_));
   if (!status_.reason.empty() && prior_ && !status_.rotation.accepted) doubtPrior();
 }
 

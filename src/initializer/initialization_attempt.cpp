@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "autocal_vio/common/stage_clock.h"
+#include "autocal_vio/geometry/so3.h"
 
 namespace autocal_vio {
 namespace {
@@ -20,7 +21,10 @@ constexpr double kLargestNoiseFactor = 40.0;       // accelerometer or gyroscope
 // Vibration does to a gyroscope far less than to an accelerometer (2 to 5 against 12 to 20 in flight), stamps of images that
 // jitter by 2 ms make 10 to 25 of EuRoC's: more is a wrong fit.
 constexpr double kLargestGyroNoiseFactor = 30.0;
-constexpr double kVibration = 12.0;  // times the rig file: an accelerometer's noise in flight
+constexpr double kDoubtfulGyroNoiseFactor =
+    10.0;                                      // with a calibration given beforehand: that may be to blame
+constexpr double kDoubtedSigmaRotation = 0.3;  // [rad] of it then
+constexpr double kVibration = 12.0;            // times the rig file: an accelerometer's noise in flight
 constexpr double kSigmaInflation =
     1.4;  // tracking errors are correlated in time: white-noise sigmas are too small
 constexpr double kLinearScale = 0.2;  // relative sigma up to which a covariance tells the errors of lengths
@@ -81,8 +85,9 @@ std::optional<InitializedProblem> InitializationAttempt::run() {
 std::optional<InitializedProblem> InitializationAttempt::solve() {
   if (!preintegrate() || !reconstruct()) return std::nullopt;
   std::optional<InitializedProblem> problem = solveMotion();
-  const bool doubtful = misfit_ && input_.prior && !input_.hold_rotation && !input_.hold_translation;
-  return !problem && doubtful ? solveDoubtingPrior() : std::move(problem);
+  if (!input_.prior || input_.hold_rotation || input_.hold_translation) return problem;
+  const bool doubtful = problem ? problem->noise.factors().gyroscope > kDoubtfulGyroNoiseFactor : misfit_;
+  return doubtful ? solveDoubtingPrior(std::move(problem)) : std::move(problem);
 }
 
 std::optional<InitializedProblem> InitializationAttempt::solveMotion() {
@@ -94,27 +99,45 @@ std::optional<InitializedProblem> InitializationAttempt::solveMotion() {
   return problem;
 }
 
-// It may be the translation given beforehand that does not fit: then everything fits without it, somewhere else.
-std::optional<InitializedProblem> InitializationAttempt::solveDoubtingPrior() {
+// It may be what was given beforehand that does not fit: then everything fits without it, somewhere else, and with far
+// less noise of the IMU. What begins without it needs more keyframes than this attempt has: only so many show the noise.
+std::optional<InitializedProblem> InitializationAttempt::solveDoubtingPrior(
+    std::optional<InitializedProblem> believing) {
   const AttemptFindings before = findings_;
+  const std::optional<NoiseFactors> noise_before = noise_found_;
   const ExtrinsicsPrior prior = *input_.prior;
   input_.prior->sigma_translation = std::max(prior.sigma_translation, kPriorSigmaTranslation);
+  input_.prior->sigma_rotation = std::max(prior.sigma_rotation, kDoubtedSigmaRotation);
   std::optional<InitializedProblem> problem = solveMotion();
-  const std::optional<GraphCovariance> covariance =
-      problem ? problem->graph.covariance() : std::optional<GraphCovariance>();
-  if (covariance) {
-    const Eigen::Vector3d off = problem->graph.calibration().T_BC().translation - prior.T_imu_cam.translation;
-    Eigen::Matrix3d expected =
-        kSigmaInflation * kSigmaInflation * covariance->block({-1, BlockKind::kExtrinsicTranslation});
-    expected.diagonal().array() += prior.sigma_translation * prior.sigma_translation;
-    if (std::sqrt(off.dot(expected.ldlt().solve(off))) > kContradictionSigmas) {
-      prior_contradiction_ = off.norm();
-      problem->graph.dropExtrinsicsPrior();
-      return problem;
-    }
-  }
+  const bool better = problem && (!believing || problem->noise.factors().gyroscope <
+                                                    0.5 * believing->noise.factors().gyroscope);
+  const bool wrong = better && contradicts(prior, problem->graph);
+  if (!wrong) noise_found_ = noise_before;
   findings_ = before;
+  if (!wrong) return believing;
+  fail("collecting keyframes for a beginning without what was given beforehand",
+       "keep moving with changing speed and direction, while turning");
   return std::nullopt;
+}
+
+// The rotation first: whoever is wrong about it is wrong about the translation too.
+bool InitializationAttempt::contradicts(const ExtrinsicsPrior& prior, const VisualInertialGraph& graph) {
+  const std::optional<GraphCovariance> covariance = graph.covariance();
+  if (!covariance) return false;
+  const Transform T_BC = graph.calibration().T_BC();
+  const auto farOff = [](const Eigen::Vector3d& off, const Eigen::Matrix3d& P, double sigma) {
+    const Eigen::Matrix3d expected =
+        kSigmaInflation * kSigmaInflation * P + sigma * sigma * Eigen::Matrix3d::Identity();
+    return std::sqrt(off.dot(expected.ldlt().solve(off))) > kContradictionSigmas;
+  };
+  const Eigen::Vector3d angle = logSo3(prior.T_imu_cam.rotation.conjugate() * T_BC.rotation);
+  const Eigen::Vector3d distance = T_BC.translation - prior.T_imu_cam.translation;
+  if (farOff(angle, covariance->block({-1, BlockKind::kExtrinsicRotation}), prior.sigma_rotation))
+    rotation_contradiction_ = angle.norm();
+  else if (farOff(distance, covariance->block({-1, BlockKind::kExtrinsicTranslation}),
+                  prior.sigma_translation))
+    translation_contradiction_ = distance.norm();
+  return rotation_contradiction_ || translation_contradiction_;
 }
 
 bool InitializationAttempt::fail(const std::string& reason, const std::string& advice) {

@@ -80,6 +80,7 @@ class CalibratingInitializer {
   };
 
   void checkPrior();
+  void dropPrior(const std::string& problem);
   bool isKeyframe(const FeatureFrame& frame) const;
   void addKeyframe(const FeatureFrame& frame, const ImuBuffer& imu);
   bool attemptDue(const FeatureFrame& frame) const;

@@ -66,9 +66,12 @@ class InitializationAttempt {
 
   const AttemptFindings& findings() const { return findings_; }
 
-  /// Distance [m] of the solution from a translation given beforehand that nothing fits together with; nothing where that
-  /// was not to blame.
-  const std::optional<double>& priorContradiction() const { return prior_contradiction_; }
+  /// Angle [rad] of the solution from a rotation given beforehand that nothing fits together with; nothing where that was
+  /// not to blame.
+  const std::optional<double>& rotationContradiction() const { return rotation_contradiction_; }
+
+  /// The same of a translation given beforehand [m].
+  const std::optional<double>& translationContradiction() const { return translation_contradiction_; }
 
   /// How much longer than usual to wait for the next attempt [1, 2]: it will not do before.
   double patience() const { return patience_; }
@@ -85,7 +88,8 @@ class InitializationAttempt {
  private:
   std::optional<InitializedProblem> solve();
   std::optional<InitializedProblem> solveMotion();
-  std::optional<InitializedProblem> solveDoubtingPrior();
+  std::optional<InitializedProblem> solveDoubtingPrior(std::optional<InitializedProblem> believing);
+  bool contradicts(const ExtrinsicsPrior& prior, const VisualInertialGraph& graph);
   bool preintegrate();
   bool reconstruct();
   bool align();
@@ -102,7 +106,8 @@ class InitializationAttempt {
   bool solved_ = false;
   double share_that_fits_ = 1.0;  ///< of the observations, in the batch's solution
   bool misfit_ = false;           ///< images and IMU do not fit together
-  std::optional<double> prior_contradiction_;
+  std::optional<double> rotation_contradiction_;
+  std::optional<double> translation_contradiction_;
   std::optional<NoiseFactors> noise_found_;
   double cpu_ms_ = 0.0;
   std::vector<Preintegration> preintegrations_;  ///< between the keyframes
