@@ -75,7 +75,6 @@ void ExtrinsicMonitor::judge() {
   }
   const double slack = converged_ ? kReopenFactor : 1.0;
   std::ostringstream why;
-  why.precision(2);
   advice_.clear();
   if (!(sigma_rotation < slack * options_.max_sigma_rotation_deg)) {
     why << "rotation about " << kAxes[worst_rotation] << " of the camera is known to "
@@ -86,8 +85,8 @@ void ExtrinsicMonitor::judge() {
     why << "translation along " << kAxes[worst_translation] << " of the IMU is known to "
         << roundedUp(1e3 * sigma_translation) << " mm by the motion alone (sigma), needs "
         << 1e3 * options_.max_sigma_translation;
-    advice_ =
-        std::string("rotate quickly to and fro about axes other than the IMU's ") + kAxes[worst_translation];
+    advice_ = std::string("rotate quickly to and fro while moving about, not only about the IMU's ") +
+              kAxes[worst_translation];
   } else if (!(now.sigma_td < slack * options_.max_sigma_td)) {
     why << "the time offset is known to " << roundedUp(1e3 * now.sigma_td) << " ms (sigma), needs "
         << 1e3 * options_.max_sigma_td;
@@ -95,8 +94,8 @@ void ExtrinsicMonitor::judge() {
   } else if (!(pull_rotation < slack * options_.max_sigma_rotation_deg &&
                pull_translation < slack * options_.max_sigma_translation)) {
     // A tight prior that is wrong, as long as the motion does not suffice to contradict it.
-    why << "what was given beforehand still holds it " << pull_rotation << " deg and "
-        << 1e3 * pull_translation << " mm from what the motion says";
+    why << "what was given beforehand still holds it " << roundedUp(pull_rotation) << " deg and "
+        << roundedUp(1e3 * pull_translation) << " mm from what the motion says";
     advice_ = "rotate quickly to and fro about all axes";
   } else if (!converged_ && toSeconds(now.stamp - history_.front().stamp) < options_.stable_time) {
     why << "accurate enough, watching whether it stays";
@@ -104,15 +103,16 @@ void ExtrinsicMonitor::judge() {
   } else if (!converged_) {
     const double step = largestStep(history_.front(), now, sigma);
     if (!(step < options_.max_step_sigmas)) {
-      why << "still moving: " << step << " sigma within " << options_.stable_time << " s";
+      why << "still moving: " << roundedUp(step) << " sigma within " << options_.stable_time << " s";
       advice_ = "go on moving";
     }
   }
   reason_ = why.str();
   converged_ = reason_.empty();
   if (converged_) {
-    why << "rotation known to " << sigma_rotation << " deg, translation to " << 1e3 * sigma_translation
-        << " mm (sigma, worst axis), stable for " << options_.stable_time << " s";
+    why << "rotation known to " << roundedUp(sigma_rotation) << " deg, translation to "
+        << roundedUp(1e3 * sigma_translation) << " mm (sigma, worst axis), stable for "
+        << options_.stable_time << " s";
     reason_ = why.str();
   }
 }

@@ -101,10 +101,10 @@ std::string scaleRefusal(double scale, double sigma_scale, double max_sigma_scal
               "frame than "
               "the gyroscope";
   } else if (!(scale > 0.0)) {
-    reason << "the scale came out as " << scale << ": acceleration too small against the noise";
+    reason << "no scale comes out yet: acceleration too small against the noise";
   } else if (!(sigma_scale <= max_sigma_scale)) {
-    reason << "the scale is uncertain by " << 100.0 * sigma_scale << " %, at most " << 100.0 * max_sigma_scale
-           << " % is allowed: more acceleration is needed";
+    reason << "the scale is uncertain by more than " << std::lround(100.0 * max_sigma_scale)
+           << " %: more acceleration is needed";
   }
   return reason.str();
 }

@@ -512,7 +512,8 @@ TEST(InitializerMonteCarlo, WrongPriorsAreFoundOut) {
   expectAtLeast(name, "share within 3 sigma at the end", shareWithin3Sigma(outcomes, atTheEnd), 0.95);
 }
 
-// What contradicts the prior could pass for the IMU's noise, which is high.
+// What contradicts the prior could pass for the IMU's noise, which is high. 2 or 3 cm of translation alone are no more than 2
+// or 3 sigmas of what half a minute of such data tells: nobody can call them wrong, and nothing is called converged there.
 TEST(InitializerMonteCarlo, WrongPriorsAreFoundOutInNoise) {
   const auto longer = [](int seed) {
     FeatureSimulationOptions simulation = FeatureSimulationOptions::realistic(seed);
@@ -522,7 +523,12 @@ TEST(InitializerMonteCarlo, WrongPriorsAreFoundOutInNoise) {
   const std::vector<Outcome> outcomes = runSeeds(seeds(6), longer, {false, wrongPrior});
   const char* const name = "wrong priors, realistic";
   summarize(name, outcomes);
-  for (const Outcome& o : outcomes) EXPECT_TRUE(o.prior_wrong) << o.last_reason;
+  for (const Outcome& o : outcomes)
+    EXPECT_TRUE(o.prior_wrong || !std::isfinite(o.converged_s)) << o.last_reason;
+  const auto found =
+      std::count_if(outcomes.begin(), outcomes.end(), [](const Outcome& o) { return o.prior_wrong; });
+  expectAtLeast(name, "share called WRONG", static_cast<double>(found) / static_cast<double>(outcomes.size()),
+                0.9);
   expectBelow(name, "first odometry, worst [s]", quantile(outcomes, 1.0, firstOdometry), 10.0);
   const std::vector<Outcome> claims = claimed(outcomes);
   if (claims.empty()) return;
