@@ -112,9 +112,11 @@ std::optional<InitializedProblem> InitializationAttempt::solveDoubtingPrior(
   const bool better = problem && (!believing || problem->noise.factors().gyroscope <
                                                     0.5 * believing->noise.factors().gyroscope);
   const bool wrong = better && contradicts(prior, problem->graph);
-  if (!wrong) noise_found_ = noise_before;
-  findings_ = before;
-  if (!wrong) return believing;
+  if (!wrong) {
+    findings_ = before;
+    noise_found_ = noise_before;
+    return believing;
+  }
   fail("collecting keyframes for a beginning without what was given beforehand",
        "keep moving with changing speed and direction, while turning");
   return std::nullopt;
