@@ -259,7 +259,10 @@ MountPrior loadMountPrior(const std::string& path) {
     readExtrinsics(&section, &extrinsics);
     readTimeshift(&section, &result.time_offset);
     if (!section.has("T_cam_imu") && !section.has("T_imu_cam"))
-      section.addProblem("", "expected T_cam_imu or T_imu_cam, a 4x4 matrix");
+      section.addProblem(
+          "",
+          std::string("expected T_cam_imu or T_imu_cam, a 4x4 matrix") +
+              (section.has("T_BS") ? "; T_BS of an ASL file is T_imu_cam where its body is the IMU" : ""));
   }
   if (!problems.empty() || !extrinsics) throw LoadProblems(problems);
   result.extrinsics = *extrinsics;

@@ -35,23 +35,36 @@ constexpr double kLargestPixelRms = 2.0;  // [px] of an acceptable solution
 constexpr double kLargestAccelBias =
     2.0;  // [m/s^2] beyond it the unit or the scale of the accelerometer is wrong
 constexpr double kContradictionSigmas = 4.5;  // of three axes, from a prior
+constexpr double kNearPriorSigmas = 3.0;      // of its translation
 constexpr int kSolveIterations = 20;
 constexpr double kMostPatience = 2.0;
 
-// Relative sigma of the trajectory's scale: the part of the positions' covariance along the positions themselves.
+// Relative sigma of the scale of the camera's path, and with it of all depths: of the part of its positions' covariance that
+// lies along the positions themselves. The IMU's own path would not do: of a rig that turns about a fixed point it is known
+// well, and the camera's lever arm, which the scale depends on then, is not.
 double relativeScaleSigma(const VisualInertialGraph& graph, const GraphCovariance& covariance) {
   const std::deque<FrameState>& frames = graph.frames();
+  const Eigen::Vector3d p_BC = graph.calibration().T_BC().translation;
   Eigen::Vector3d mean = Eigen::Vector3d::Zero();
-  for (const FrameState& frame : frames) mean += frame.position() / static_cast<double>(frames.size());
-  double spread = 0.0, variance = 0.0;
-  for (const FrameState& frame : frames) spread += (frame.position() - mean).squaredNorm();
-  for (const FrameState& a : frames) {
-    for (const FrameState& b : frames) {
-      const Eigen::MatrixXd P = covariance.block({a.id, BlockKind::kPose}, {b.id, BlockKind::kPose});
-      variance += (a.position() - mean).dot(P.topLeftCorner<3, 3>() * (b.position() - mean));
-    }
+  for (const FrameState& frame : frames) mean += frame.T_WB() * p_BC / static_cast<double>(frames.size());
+  double squares = 0.0, variance = 0.0;
+  Eigen::RowVector3d by_translation = Eigen::RowVector3d::Zero();
+  std::vector<std::pair<BlockKey, Eigen::RowVectorXd>> jacobians;  // of squares * scale by the states
+  for (const FrameState& frame : frames) {
+    const Eigen::RowVector3d along = (frame.T_WB() * p_BC - mean).transpose();
+    const Eigen::Matrix3d R_WB = frame.rotation().toRotationMatrix();
+    Eigen::RowVectorXd J(6);
+    J << along, -along * R_WB * skew(p_BC);
+    jacobians.push_back({{frame.id, BlockKind::kPose}, J});
+    by_translation += along * R_WB;
+    squares += along.squaredNorm();
   }
-  return spread > 0.0 ? std::sqrt(std::max(0.0, variance)) / spread : 1e3;
+  const BlockKey translation{-1, BlockKind::kExtrinsicTranslation};
+  if (covariance.block(translation).size() > 0) jacobians.push_back({translation, by_translation});
+  for (const auto& [key_a, J_a] : jacobians)
+    for (const auto& [key_b, J_b] : jacobians)
+      variance += J_a * covariance.block(key_a, key_b) * J_b.transpose();
+  return squares > 0.0 ? std::sqrt(std::max(0.0, variance)) / squares : 1e3;
 }
 
 double countObservations(const VisualInertialGraph& graph) {
@@ -273,7 +286,7 @@ bool InitializationAttempt::refine(InitializedProblem* problem) {
 
 bool InitializationAttempt::judge(const InitializedProblem& problem) {
   const std::optional<GraphCovariance> covariance = problem.graph.covariance();
-  const std::string advice = "keep moving with changing speed and direction, while turning";
+  const std::string advice = "move about with changing speed and direction, while turning";
   if (!covariance) return fail("scale and gravity are not determined yet", advice);
   const double sigma_scale = kSigmaInflation * relativeScaleSigma(problem.graph, *covariance);
   int observations = 0;
@@ -288,7 +301,7 @@ bool InitializationAttempt::judge(const InitializedProblem& problem) {
   } else if (!(sigma_scale < input_.max_sigma_scale)) {
     // The further away, the longer it takes to get there; a batch is the dearest step of all.
     patience_ = std::clamp(sigma_scale / input_.max_sigma_scale, 1.0, kMostPatience);
-    why << "scale is known to " << 100.0 * sigma_scale << " % (sigma), needs "
+    why << "scale is known to " << std::ceil(1e3 * sigma_scale) / 10.0 << " % (sigma), needs "
         << 100.0 * input_.max_sigma_scale << " %";
   } else if (!(rms < kLargestPixelRms)) {
     why << "images and IMU do not fit together yet: reprojection error " << rms << " px";
@@ -299,12 +312,21 @@ bool InitializationAttempt::judge(const InitializedProblem& problem) {
   if (why.str().empty() && !(bias < kLargestAccelBias))
     why << "the accelerometer's bias came out as " << bias << " m/s^2, which no sound sensor has";
   misfit_ = !why.str().empty() && sigma_scale < input_.max_sigma_scale;
-  if (!misfit_ && sigma_scale < kLinearScale && share_that_fits_ >= kLeastShareThatFits) {
+  const bool accepted = why.str().empty();
+  if (!misfit_ && sigma_scale < kLinearScale && share_that_fits_ >= kLeastShareThatFits &&
+      (accepted || isNearPrior(problem.graph.calibration().T_BC().translation))) {
     noise_found_ = factors;
     reportBatch(problem.graph, *covariance);
     findings_.sigma_scale = sigma_scale;
   }
-  return why.str().empty() ? !fail("", "") : fail(why.str(), advice);
+  return accepted ? !fail("", "") : fail(why.str(), advice);
+}
+
+// A solution that knows too little to be accepted cannot have gone far from what was given beforehand; where it has, it went
+// along what the motion does not tell, where the noise of the images draws it towards a smaller scale.
+bool InitializationAttempt::isNearPrior(const Eigen::Vector3d& p_BC) const {
+  return !input_.prior || (p_BC - input_.prior->T_imu_cam.translation).norm() <
+                              kNearPriorSigmas * input_.prior->sigma_translation;
 }
 
 // The batch knows all of it better than the linear steps, and its covariance holds for its own values.

@@ -11,6 +11,7 @@ namespace {
 
 constexpr double kTwoPi = 6.283185307179586;
 constexpr double kConstantVelocityLength = 3.0;  // path of the constant velocity motion [m]
+constexpr double kPivotDistance = 0.4;           // from the fixed point that a pivoting rig turns about [m]
 
 // R = Rz(yaw) Ry(pitch) Rx(roll).
 Eigen::Quaterniond fromEuler(const Eigen::Vector3d& roll_pitch_yaw) {
@@ -27,6 +28,18 @@ Eigen::Vector3d angularVelocity(const Eigen::Vector3d& angles, const Eigen::Vect
           -rates.y() * sr + rates.z() * cr * cp};
 }
 
+// Its derivative, the angles being given with their first and second derivatives.
+Eigen::Vector3d angularAcceleration(const Eigen::Vector3d& angles, const Eigen::Vector3d& first,
+                                    const Eigen::Vector3d& second) {
+  const double sr = std::sin(angles.x()), cr = std::cos(angles.x());
+  const double sp = std::sin(angles.y()), cp = std::cos(angles.y());
+  const Eigen::Vector3d by_angles(
+      -first.z() * cp * first.y(),
+      -first.y() * sr * first.x() + first.z() * (cr * cp * first.x() - sr * sp * first.y()),
+      -first.y() * cr * first.x() - first.z() * (sr * cp * first.x() + cr * sp * first.y()));
+  return angularVelocity(angles, second) + by_angles;
+}
+
 }  // namespace
 
 std::optional<MotionKind> motionKindFromName(const std::string& name) {
@@ -34,6 +47,7 @@ std::optional<MotionKind> motionKindFromName(const std::string& name) {
   if (name == "standstill") return MotionKind::kStandstill;
   if (name == "pure_rotation") return MotionKind::kPureRotation;
   if (name == "pan_tilt") return MotionKind::kPanTilt;
+  if (name == "pivot") return MotionKind::kPivot;
   if (name == "one_axis_rotation") return MotionKind::kOneAxisRotation;
   if (name == "constant_velocity") return MotionKind::kConstantVelocity;
   if (name == "planar") return MotionKind::kPlanar;
@@ -75,6 +89,9 @@ void SineTrajectory::drawPosition() {
     case MotionKind::kPureRotation:
     case MotionKind::kPanTilt:
       break;
+    case MotionKind::kPivot:
+      lever_ = kPivotDistance * options_.translation_factor * direction;
+      break;
     case MotionKind::kConstantVelocity:
       drift_ = direction * kConstantVelocityLength / warpedTime(options_.duration).u;
       break;
@@ -108,7 +125,9 @@ void SineTrajectory::drawRotation() {
   };
   std::array<Sum, 3> free;
   for (Sum& axis : free) axis = {draw(0.3, 0.5, 0.1, 0.2), draw(0.1, 0.15, 0.4, 0.6)};
-  if (options_.kind == MotionKind::kFree || options_.kind == MotionKind::kPureRotation) angles_ = free;
+  if (options_.kind == MotionKind::kFree || options_.kind == MotionKind::kPureRotation ||
+      options_.kind == MotionKind::kPivot)
+    angles_ = free;
   if (options_.kind == MotionKind::kOneAxisRotation || options_.kind == MotionKind::kPanTilt) {
     angles_[2] = free[2];
     if (options_.kind == MotionKind::kPanTilt) angles_[1] = free[1];
@@ -153,11 +172,20 @@ SineTrajectory::Derivatives SineTrajectory::anglesAt(double u, const Derivatives
   return result;
 }
 
+SineTrajectory::Derivatives SineTrajectory::aboutPivot(const Derivatives& angles) const {
+  const Eigen::Quaterniond R = frame_ * fromEuler(angles.value);
+  const Eigen::Vector3d rate = angularVelocity(angles.value, angles.first);
+  const Eigen::Vector3d acceleration = angularAcceleration(angles.value, angles.first, angles.second);
+  const Eigen::Vector3d first = rate.cross(lever_);
+  return {R * lever_, R * first, R * (acceleration.cross(lever_) + rate.cross(first))};
+}
+
 RigMotion SineTrajectory::at(TimeNs stamp) const {
   const double t = toSeconds(std::clamp(stamp, begin(), end()) - begin());
   const Warp warp = warpedTime(t);
   Derivatives position = sum(position_, warp.u);
   const Derivatives angles = anglesAt(warp.u, position);
+  if (options_.kind == MotionKind::kPivot) position = aboutPivot(angles);
   position.value += drift_ * (warp.u - 0.5 * warpedTime(options_.duration).u);
   position.first += drift_;
   RigMotion motion;

@@ -26,10 +26,10 @@ VioOptions loadOptions(const CalibrateOptions& options) {
 }
 
 PlotTruth knownTruth(const CalibrateOptions& options, const OpenedDataset& dataset) {
-  if (options.truth_file.empty()) return {dataset.reference_T_imu_cam, std::nullopt};
+  if (options.truth_file.empty()) return {dataset.reference_T_imu_cam, {}, {}, {}};
   const MountPrior truth = loadMountPrior(options.truth_file);
-  if (!truth.time_offset) return {truth.extrinsics.T_imu_cam, std::nullopt};
-  return {truth.extrinsics.T_imu_cam, truth.time_offset->td};
+  if (!truth.time_offset) return {truth.extrinsics.T_imu_cam, {}, {}, {}};
+  return {truth.extrinsics.T_imu_cam, truth.time_offset->td, {}, {}};
 }
 
 int calibrate(const CalibrateOptions& options) {

@@ -39,10 +39,11 @@ CommandLine makeCommandLine(Options* o) {
                "exact: no noise, no bias; noisy: EuRoC's IMU noise and biases, 0.5 px (default);\n"
                "realistic: drifting tracks, outliers, IMU noise many times the rig file's",
                &o->mode);
-  line.addText("motion", "M",
-               "free (default), standstill, pure_rotation, pan_tilt, one_axis_rotation, constant_velocity,\n"
-               "planar or straight_line",
-               &o->motion);
+  line.addText(
+      "motion", "M",
+      "free (default), standstill, pure_rotation, pan_tilt, pivot, one_axis_rotation, constant_velocity,\n"
+      "planar or straight_line",
+      &o->motion);
   line.addNumber("duration", "S", "length [s] (default 40)", &o->duration);
   line.addNumber("td", "S", "true time offset [s] (default 0)", &o->td);
   line.addFlag("start-moving", "in full motion from the first instant on", &o->start_moving);
@@ -107,7 +108,9 @@ int calibrate(const Options& options) {
   const ResultFolder folder(options.output_folder, options.force);
   const CalibrationRunResult result = feed(data, &run);
   const Verdict verdict = judgeRun(result.record, options.fix_extrinsics);
-  writeResults(folder, result, verdict, rig, {data.rig.T_imu_cam, data.rig.td});
+  const ImuBias& bias = data.truth.back().bias;
+  writeResults(folder, result, verdict, rig,
+               {data.rig.T_imu_cam, data.rig.td, bias.gyroscope, bias.accelerometer});
   folder.writeText("truth.tum", truthTumText(data.truth));
   folder.writeText("truth.yaml", truthExtrinsicsText(data.rig));
   std::fputs(closingText(result.record, verdict).c_str(), stdout);

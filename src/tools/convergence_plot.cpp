@@ -165,13 +165,16 @@ class ConvergencePlot {
   }
 
   void drawVector(const std::string& title, const std::string& unit,
-                  const std::function<Point(const CalibrationEstimate&, int)>& at, bool with_band) {
+                  const std::function<Point(const CalibrationEstimate&, int)>& at,
+                  const std::optional<Eigen::Vector3d>& truth) {
     const std::array<std::pair<const char*, cv::Scalar>, 3> axes{{{"x", kRed}, {"y", kGreen}, {"z", kBlue}}};
     LineChart chart(title, unit);
-    for (int i = 0; i < 3; ++i)
-      chart.add(series(
-          axes[i].first, axes[i].second, [&at, i](const CalibrationEstimate& c) { return at(c, i); },
-          with_band));
+    for (int i = 0; i < 3; ++i) {
+      ChartSeries curve =
+          series(axes[i].first, axes[i].second, [&at, i](const CalibrationEstimate& c) { return at(c, i); });
+      if (truth) curve.truth = (*truth)(i);
+      chart.add(curve);
+    }
     drawPanel(chart);
   }
 
@@ -181,13 +184,13 @@ class ConvergencePlot {
         [](const CalibrationEstimate& c, int i) {
           return knownPoint(c.gyroscope_bias(i), c.sigma_gyroscope_bias(i), 10.0);
         },
-        true);
+        truth_.gyroscope_bias);
     drawVector(
         "Accelerometer bias", "m/s^2",
         [](const CalibrationEstimate& c, int i) {
           return knownPoint(c.accelerometer_bias(i), c.sigma_accelerometer_bias(i), 10.0);
         },
-        true);
+        truth_.accelerometer_bias);
   }
 
   void drawVisualScale() {
@@ -206,7 +209,7 @@ class ConvergencePlot {
           if (c.gravity.norm() == 0.0) return Point();
           return Point{c.gravity(i), c.gravity.norm() * c.sigma_gravity_direction};
         },
-        true);
+        std::nullopt);
   }
 
   void drawSingularValues() {

@@ -1,4 +1,5 @@
 // The program record_calibration: shows the progress of a running VioNodelet and writes the files of calibrate_bag.
+#include <geometry_msgs/Vector3Stamped.h>
 #include <ros/callback_queue.h>
 #include <ros/ros.h>
 #include <rosgraph_msgs/Clock.h>
@@ -115,7 +116,17 @@ void receive(const ProgramOptions& options, LiveRecorder* recorder) {
       nh.subscribe<std_msgs::Float64>(options.rig + "/truth_time_offset", 1,
                                       [recorder](const std_msgs::Float64ConstPtr& message) {
                                         recorder->setTrueTimeOffset(message->data);
-                                      })};
+                                      }),
+      nh.subscribe<geometry_msgs::Vector3Stamped>(
+          options.rig + "/truth_gyroscope_bias", kQueue,
+          [recorder](const geometry_msgs::Vector3StampedConstPtr& message) {
+            recorder->setTrueGyroscopeBias({message->vector.x, message->vector.y, message->vector.z});
+          }),
+      nh.subscribe<geometry_msgs::Vector3Stamped>(
+          options.rig + "/truth_accelerometer_bias", kQueue,
+          [recorder](const geometry_msgs::Vector3StampedConstPtr& message) {
+            recorder->setTrueAccelerometerBias({message->vector.x, message->vector.y, message->vector.z});
+          })};
   watch(options, recorder);
 }
 
@@ -143,7 +154,9 @@ int recordCalibration(const ProgramOptions& options) {
   if (recorder.empty()) throw LoadProblems({"no message on " + options.nodelet + "/calibration_status"});
   const CalibrationRunResult result = recorder.result();
   const Verdict verdict = judgeRun(result.record, false);
-  writeResults(folder, result, verdict, rig, {recorder.trueExtrinsics(), recorder.trueTimeOffset()});
+  writeResults(folder, result, verdict, rig,
+               {recorder.trueExtrinsics(), recorder.trueTimeOffset(), recorder.trueGyroscopeBias(),
+                recorder.trueAccelerometerBias()});
   folder.writeText("live.yaml", recorder.liveText());
   if (options.asl_folder.empty()) writeTruth(recorder, folder);
   std::printf("%s\n%s", recorder.closingLine().c_str(), closingText(result.record, verdict).c_str());

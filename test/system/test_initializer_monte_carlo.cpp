@@ -506,8 +506,8 @@ TEST(InitializerMonteCarlo, WrongTracks) {
               0.5);
 }
 
-const char* const kDegenerate[] = {"standstill",        "pure_rotation", "pan_tilt",     "one_axis_rotation",
-                                   "constant_velocity", "planar",        "straight_line"};
+const char* const kDegenerate[] = {"standstill",        "pure_rotation",     "pan_tilt", "pivot",
+                                   "one_axis_rotation", "constant_velocity", "planar",   "straight_line"};
 
 FeatureSimulationOptions degenerate(const std::string& kind, int seed) {
   FeatureSimulationOptions simulation =
@@ -546,7 +546,7 @@ TEST(InitializerMonteCarlo, DegenerateMotionIsNeverConverged) {
     for (const Outcome& outcome : outcomes) {
       EXPECT_FALSE(outcome.last_reason.empty());
       EXPECT_FALSE(outcome.last_advice.empty()) << outcome.last_reason;
-      if (kind == "pure_rotation" || kind == "pan_tilt") {
+      if (kind == "pure_rotation" || kind == "pan_tilt" || kind == "pivot") {
         EXPECT_LT(outcome.last.rotationDeg(), 0.3);
         EXPECT_FALSE(std::isfinite(outcome.first_s)) << "odometry without a scale";
       } else if (kind != "planar") {

@@ -84,12 +84,33 @@ TEST(LineChart, SurvivesGapsInfinitiesAndNothing) {
 
 TEST(ConvergencePlot, SameRunSamePicture) {
   const RunRecord record = exampleRun(400);
-  const PlotTruth truth{record.rows().back().calibration.T_imu_cam, 0.005};
+  const PlotTruth truth{record.rows().back().calibration.T_imu_cam, 0.005, {}, {}};
   const cv::Mat a = drawConvergence(record, truth, "title"), b = drawConvergence(record, truth, "title");
   ASSERT_EQ(a.size(), b.size());
   EXPECT_EQ(cv::norm(a, b, cv::NORM_INF), 0.0);
   EXPECT_GT(cv::norm(a, drawConvergence(exampleRun(200), truth, "title"), cv::NORM_INF), 0.0);
   EXPECT_EQ(drawConvergence(RunRecord(), {}, "nothing").size(), a.size());
+}
+
+TEST(ConvergencePlot, WhatIsKnownToBeTrueIsDrawn) {
+  const RunRecord record = exampleRun(100);
+  const CalibrationEstimate& last = record.rows().back().calibration;
+  PlotTruth truth;
+  cv::Mat before = drawConvergence(record, truth, "title");
+  const auto changes = [&] {
+    const cv::Mat image = drawConvergence(record, truth, "title");
+    const bool changed = cv::norm(before, image, cv::NORM_INF) > 0.0;
+    before = image;
+    return changed;
+  };
+  truth.T_imu_cam = last.T_imu_cam;
+  EXPECT_TRUE(changes());
+  truth.td = 0.005;
+  EXPECT_TRUE(changes());
+  truth.gyroscope_bias = last.gyroscope_bias;
+  EXPECT_TRUE(changes());
+  truth.accelerometer_bias = last.accelerometer_bias;
+  EXPECT_TRUE(changes());
 }
 
 }  // namespace

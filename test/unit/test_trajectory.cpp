@@ -53,8 +53,9 @@ TEST_P(AllKinds, StartsFromRestInTheAttitudeAskedFor) {
 INSTANTIATE_TEST_SUITE_P(Kinds, AllKinds,
                          ::testing::Values(MotionKind::kFree, MotionKind::kStandstill,
                                            MotionKind::kPureRotation, MotionKind::kPanTilt,
-                                           MotionKind::kOneAxisRotation, MotionKind::kConstantVelocity,
-                                           MotionKind::kPlanar, MotionKind::kStraightLine));
+                                           MotionKind::kPivot, MotionKind::kOneAxisRotation,
+                                           MotionKind::kConstantVelocity, MotionKind::kPlanar,
+                                           MotionKind::kStraightLine));
 
 TEST(SineTrajectory, FreeMotionIsOrdinary) {
   for (std::uint64_t seed = 1; seed <= 20; ++seed) {
@@ -94,6 +95,13 @@ TEST(SineTrajectory, DegenerateKindsAreDegenerate) {
   EXPECT_GT(motion(MotionKind::kPureRotation, 20.0).angular_velocity_B.norm(), 0.05);
   EXPECT_EQ(motion(MotionKind::kPanTilt, 20.0).velocity_W.norm(), 0.0);
   EXPECT_GT(motion(MotionKind::kPanTilt, 20.0).angular_velocity_B.norm(), 0.05);
+  const RigMotion before = motion(MotionKind::kPivot, 20.0), after = motion(MotionKind::kPivot, 21.3);
+  EXPECT_NEAR(before.T_WB.translation.norm(), 0.4, 1e-12);
+  EXPECT_LT((before.T_WB.rotation.conjugate() * before.T_WB.translation -
+             after.T_WB.rotation.conjugate() * after.T_WB.translation)
+                .norm(),
+            1e-12);
+  EXPECT_GT(before.velocity_W.norm(), 0.02);
   const Vector3d w1 = motion(MotionKind::kOneAxisRotation, 20.0).angular_velocity_B;
   const Vector3d w2 = motion(MotionKind::kOneAxisRotation, 21.3).angular_velocity_B;
   EXPECT_LT(w1.normalized().cross(w2.normalized()).norm(), 1e-12);

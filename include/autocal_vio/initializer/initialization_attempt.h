@@ -97,6 +97,7 @@ class InitializationAttempt {
   InitializedProblem buildProblem() const;
   bool refine(InitializedProblem* problem);
   bool judge(const InitializedProblem& problem);
+  bool isNearPrior(const Eigen::Vector3d& p_BC) const;
   void reportBatch(const VisualInertialGraph& graph, const GraphCovariance& covariance);
   bool fail(const std::string& reason, const std::string& advice);
 

@@ -67,7 +67,7 @@ struct SimulatedRigOptions {
   template <class Visitor>
   void visitTexts(Visitor&& visit) {
     visit("motion", motion,
-          "free, standstill, pure_rotation, pan_tilt, one_axis_rotation, constant_velocity, planar or "
+          "free, standstill, pure_rotation, pan_tilt, pivot, one_axis_rotation, constant_velocity, planar or "
           "straight_line");
     visit("trajectory_path", trajectory_path,
           "recorded trajectory, EuRoC CSV or TUM file, instead of motion");

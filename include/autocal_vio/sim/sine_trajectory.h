@@ -17,14 +17,15 @@ enum class MotionKind {
   kStandstill,        ///< nothing moves
   kPureRotation,      ///< all rotation axes about the IMU's origin, no translation
   kPanTilt,           ///< as pure rotation, about two axes only
+  kPivot,             ///< all rotation axes about a fixed point that is 0.4 m from the IMU
   kOneAxisRotation,   ///< free translation, rotation about one random axis only
   kConstantVelocity,  ///< no rotation, constant velocity once started
   kPlanar,            ///< driving a figure of eight: heading along the velocity, level
   kStraightLine       ///< no rotation, to and fro along one line
 };
 
-/// Kind of a name: "free", "standstill", "pure_rotation", "pan_tilt", "one_axis_rotation", "constant_velocity", "planar",
-/// "straight_line"; nothing for another name.
+/// Kind of a name: "free", "standstill", "pure_rotation", "pan_tilt", "pivot", "one_axis_rotation", "constant_velocity",
+/// "planar", "straight_line"; nothing for another name.
 std::optional<MotionKind> motionKindFromName(const std::string& name);
 
 struct SineTrajectoryOptions {
@@ -70,12 +71,14 @@ class SineTrajectory : public Trajectory {
   void drawRotation();
   Warp warpedTime(double t) const;
   Derivatives anglesAt(double u, const Derivatives& position) const;  ///< roll, pitch, yaw
+  Derivatives aboutPivot(const Derivatives& angles) const;            ///< position
 
   SineTrajectoryOptions options_;
   std::array<Sum, 3> position_;
-  std::array<Sum, 3> angles_;                                     ///< roll, pitch, yaw
-  Eigen::Vector3d drift_ = Eigen::Vector3d::Zero();               ///< constant velocity [m/s]
-  Eigen::Quaterniond frame_ = Eigen::Quaterniond::Identity();     ///< axes of the Euler angles, in W
+  std::array<Sum, 3> angles_;                                  ///< roll, pitch, yaw
+  Eigen::Vector3d drift_ = Eigen::Vector3d::Zero();            ///< constant velocity [m/s]
+  Eigen::Vector3d lever_ = Eigen::Vector3d::Zero();            ///< from the pivot, in the body that turns [m]
+  Eigen::Quaterniond frame_ = Eigen::Quaterniond::Identity();  ///< axes of the Euler angles, in W
   Eigen::Quaterniond mounting_ = Eigen::Quaterniond::Identity();  ///< of B in the body that turns
 };
 

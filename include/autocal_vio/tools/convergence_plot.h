@@ -1,6 +1,7 @@
 // convergence.png: how the calibration came about.
 #pragma once
 
+#include <Eigen/Core>
 #include <opencv2/core.hpp>
 #include <optional>
 #include <string>
@@ -12,7 +13,9 @@ namespace autocal_vio {
 /// Truth to draw as dashed lines, where known.
 struct PlotTruth {
   std::optional<Transform> T_imu_cam;
-  std::optional<double> td;  ///< [s]
+  std::optional<double> td;                           ///< [s]
+  std::optional<Eigen::Vector3d> gyroscope_bias;      ///< at the end of the run, in B [rad/s]
+  std::optional<Eigen::Vector3d> accelerometer_bias;  ///< likewise [m/s^2]
 };
 
 /// Twelve panels over time: yaw, pitch and roll of R_imu_cam, translation, time offset, biases, scale,

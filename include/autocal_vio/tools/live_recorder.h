@@ -33,6 +33,8 @@ class LiveRecorder {
   void setTrueExtrinsics(const geometry_msgs::PoseStamped& pose);
   void setTrueExtrinsics(const Transform& T_imu_cam) { true_T_imu_cam_ = T_imu_cam; }
   void setTrueTimeOffset(double td) { true_td_ = td; }
+  void setTrueGyroscopeBias(const Eigen::Vector3d& bias) { true_gyroscope_bias_ = bias; }
+  void setTrueAccelerometerBias(const Eigen::Vector3d& bias) { true_accelerometer_bias_ = bias; }
 
   bool empty() const { return updates_.empty(); }
   /// Signs of input: images' statuses, odometry, clock, truth. No more of them means that the input has ended.
@@ -49,6 +51,8 @@ class LiveRecorder {
   const std::vector<RunRow>& truth() const { return truth_; }
   const std::optional<Transform>& trueExtrinsics() const { return true_T_imu_cam_; }
   std::optional<double> trueTimeOffset() const { return true_td_; }
+  const std::optional<Eigen::Vector3d>& trueGyroscopeBias() const { return true_gyroscope_bias_; }
+  const std::optional<Eigen::Vector3d>& trueAccelerometerBias() const { return true_accelerometer_bias_; }
 
   /// Images processed and dropped, and how late the results came.
   std::string closingLine() const;
@@ -69,7 +73,8 @@ class LiveRecorder {
   std::vector<RunRow> truth_;
   std::optional<Transform> true_T_imu_cam_;
   std::optional<double> true_td_;
-  std::map<std::string, std::size_t> transform_counts_;  ///< by parent frame
+  std::optional<Eigen::Vector3d> true_gyroscope_bias_, true_accelerometer_bias_;  ///< the newest
+  std::map<std::string, std::size_t> transform_counts_;                           ///< by parent frame
   std::size_t imu_odometry_count_ = 0;
   std::uint64_t imu_dropped_ = 0;
 };
