@@ -30,6 +30,22 @@ struct SystemOutcome {
   bool finite = true;
 };
 
+/// By how much the length of the estimated path differs from that of the true one, both seen from their means [-].
+inline double scaleError(const std::vector<Eigen::Vector3d>& estimate,
+                         const std::vector<Eigen::Vector3d>& truth) {
+  Eigen::Vector3d mean_e = Eigen::Vector3d::Zero(), mean_t = Eigen::Vector3d::Zero();
+  for (std::size_t i = 0; i < estimate.size(); ++i) {
+    mean_e += estimate[i] / static_cast<double>(estimate.size());
+    mean_t += truth[i] / static_cast<double>(truth.size());
+  }
+  double spread_e = 0.0, spread_t = 0.0;
+  for (std::size_t i = 0; i < estimate.size(); ++i) {
+    spread_e += (estimate[i] - mean_e).squaredNorm();
+    spread_t += (truth[i] - mean_t).squaredNorm();
+  }
+  return std::abs(std::sqrt(spread_e / spread_t) - 1.0);
+}
+
 /// RMSE of positions after the best yaw and translation [m].
 inline double absoluteTrajectoryError(const std::vector<Eigen::Vector3d>& estimate,
                                       const std::vector<Eigen::Vector3d>& truth) {
