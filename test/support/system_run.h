@@ -30,14 +30,16 @@ struct SystemOutcome {
   bool finite = true;
 };
 
+inline Eigen::Vector3d meanOf(const std::vector<Eigen::Vector3d>& points) {
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  for (const Eigen::Vector3d& point : points) sum += point;
+  return sum / static_cast<double>(points.size());
+}
+
 /// By how much the length of the estimated path differs from that of the true one, both seen from their means [-].
 inline double scaleError(const std::vector<Eigen::Vector3d>& estimate,
                          const std::vector<Eigen::Vector3d>& truth) {
-  Eigen::Vector3d mean_e = Eigen::Vector3d::Zero(), mean_t = Eigen::Vector3d::Zero();
-  for (std::size_t i = 0; i < estimate.size(); ++i) {
-    mean_e += estimate[i] / static_cast<double>(estimate.size());
-    mean_t += truth[i] / static_cast<double>(truth.size());
-  }
+  const Eigen::Vector3d mean_e = meanOf(estimate), mean_t = meanOf(truth);
   double spread_e = 0.0, spread_t = 0.0;
   for (std::size_t i = 0; i < estimate.size(); ++i) {
     spread_e += (estimate[i] - mean_e).squaredNorm();
@@ -50,11 +52,7 @@ inline double scaleError(const std::vector<Eigen::Vector3d>& estimate,
 inline double absoluteTrajectoryError(const std::vector<Eigen::Vector3d>& estimate,
                                       const std::vector<Eigen::Vector3d>& truth) {
   if (estimate.size() < 2) return 1e3;
-  Eigen::Vector3d mean_e = Eigen::Vector3d::Zero(), mean_t = Eigen::Vector3d::Zero();
-  for (std::size_t i = 0; i < estimate.size(); ++i) {
-    mean_e += estimate[i] / static_cast<double>(estimate.size());
-    mean_t += truth[i] / static_cast<double>(truth.size());
-  }
+  const Eigen::Vector3d mean_e = meanOf(estimate), mean_t = meanOf(truth);
   double sine = 0.0, cosine = 0.0;
   for (std::size_t i = 0; i < estimate.size(); ++i) {
     const Eigen::Vector3d e = estimate[i] - mean_e, t = truth[i] - mean_t;

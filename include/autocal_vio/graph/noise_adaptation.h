@@ -31,7 +31,8 @@ class NoiseAdaptation {
   /// Adds the evidence of the interval that ends at frame `index` of the solved graph.
   void addInterval(const VisualInertialGraph& graph, const GraphCovariance& covariance, std::size_t index);
 
-  /// Moves the factors towards what the evidence says, and lets old evidence fade.
+  /// Moves the factors towards what the evidence says, or, where there is little of it, what vibration usually makes of
+  /// them; lets old evidence fade.
   void update();
 
   /// Forgets the evidence and keeps the factors.
