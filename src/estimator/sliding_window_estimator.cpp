@@ -146,12 +146,16 @@ EstimatorResult SlidingWindowEstimator::process(const FeatureFrame& frame, const
   return result;
 }
 
+SolveSummary SlidingWindowEstimator::solveWindow() {
+  return graph_.solve(options_.max_iterations, kFunctionTolerance, VisualInertialGraph::Depths::kDamped);
+}
+
 // `resting`: the standstill has just begun, and needs a keyframe to stand in.
 EstimatorResult SlidingWindowEstimator::estimate(EstimatorResult result, bool resting) {
   standing_frame_.reset();
   newest_is_keyframe_ = resting || isKeyframe();
   const SolveSummary summary = newest_is_keyframe_ || hasJustSetOff(graph_)
-                                   ? graph_.solve(options_.max_iterations, kFunctionTolerance)
+                                   ? solveWindow()
                                    : graph_.solveNewest(options_.max_iterations);
   if (!summary.usable) return fail("the solver failed", CalibrationTrust::kConverged);
   const std::string problem = findFault();
@@ -195,7 +199,7 @@ std::string SlidingWindowEstimator::stand(const ImuBuffer& imu) {
     return "";
   }
   StandingFrame::declare(options_.standstill_velocity_sigma, &graph_);
-  if (!graph_.solve(options_.max_iterations, kFunctionTolerance).usable) return "the solver failed";
+  if (!solveWindow().usable) return "the solver failed";
   const std::string problem = findFault();
   if (!problem.empty()) return problem;
   updateCovariance(frame);

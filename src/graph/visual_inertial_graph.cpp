@@ -16,7 +16,11 @@ namespace {
 constexpr double kGaugeSigma = 1e-4;             // [m], [rad]: far below what is estimated, well conditioned
 constexpr double kInverseDepthPriorMean = 0.25;  // [1/m]
 constexpr double kInverseDepthPriorSigma =
-    50.0;                               // [1/m] all landmarks share it: tighter pulls a near scene's scale
+    50.0;  // [1/m] all landmarks share it: tighter pulls a near scene's scale
+// [1/m] a damped solve moves an inverse depth that the images do not tell by no more. Where a rig sets off slowly its
+// landmarks have next to no parallax: Gauss-Newton throws some of them behind the camera, the step is refused, and
+// everything else stands still with them. 5 does as well, 15 does not.
+constexpr double kInverseDepthStep = 3.0;
 constexpr double kOutlierSigmas = 4.0;  // a reprojection this far out is dropped
 constexpr double kMinOutlierPx = 1.5;   // [px] and at least this far
 // Two images of a point always agree upon some depth. Where it slides that may be some centimetres, and a landmark so near
@@ -166,14 +170,17 @@ Factor VisualInertialGraph::reprojectionFactor(const Landmark& landmark, const O
            {const_cast<double*>(landmark.parameters.data()), BlockKind::kLandmark}}};
 }
 
-void VisualInertialGraph::appendLandmarkFactors(const Landmark& landmark,
+void VisualInertialGraph::appendLandmarkFactors(const Landmark& landmark, Depths depths,
                                                 std::vector<Factor>* factors) const {
   if (!landmark.initialized || landmark.observations.size() < 2) return;
   const Block landmark_block{const_cast<double*>(landmark.parameters.data()), BlockKind::kLandmark};
-  factors->push_back(
-      {std::make_unique<InverseDepthPriorFactor>(kInverseDepthPriorMean, kInverseDepthPriorSigma),
-       0.0,
-       {landmark_block}});
+  const double by_prior = 1.0 / (kInverseDepthPriorSigma * kInverseDepthPriorSigma);
+  const double by_damping = depths == Depths::kDamped ? 1.0 / (kInverseDepthStep * kInverseDepthStep) : 0.0;
+  const double mean =
+      (by_prior * kInverseDepthPriorMean + by_damping * landmark.parameters[2]) / (by_prior + by_damping);
+  factors->push_back({std::make_unique<InverseDepthPriorFactor>(mean, 1.0 / std::sqrt(by_prior + by_damping)),
+                      0.0,
+                      {landmark_block}});
   for (const Observation& observation : landmark.observations)
     if (const FrameState* frame = findFrame(observation.frame))
       factors->push_back(reprojectionFactor(landmark, observation, *frame));
@@ -243,23 +250,24 @@ void VisualInertialGraph::appendCalibrationPrior(std::vector<Factor>* factors) c
                       {blockOf(kTimeOffsetKey)}});
 }
 
-std::vector<Factor> VisualInertialGraph::allFactors() const {
+std::vector<Factor> VisualInertialGraph::allFactors(Depths depths) const {
   std::vector<Factor> factors = imuFactors();
   appendFirstFramePrior(&factors);
   for (const FrameState& frame : frames_) appendStandstill(frame, &factors);
   appendMarginalPrior(&factors);
   appendCalibrationPrior(&factors);
-  for (const auto& [id, landmark] : landmarks_.landmarks()) appendLandmarkFactors(landmark, &factors);
+  for (const auto& [id, landmark] : landmarks_.landmarks()) appendLandmarkFactors(landmark, depths, &factors);
   return factors;
 }
 
-SolveSummary VisualInertialGraph::solve(int max_iterations, double function_tolerance) {
+SolveSummary VisualInertialGraph::solve(int max_iterations, double function_tolerance, Depths depths) {
   landmarks_.initialize(frames_, calibration_);
   SolveOptions options;
   options.max_iterations = max_iterations;
   options.function_tolerance = function_tolerance;
   const SolveSummary summary = solveFactors(
-      allFactors(), options_.huber_threshold, [this](const Block& b) { return isHeld(b.kind); }, options);
+      allFactors(depths), options_.huber_threshold, [this](const Block& b) { return isHeld(b.kind); },
+      options);
   for (auto& [id, landmark] : landmarks_.landmarks())
     landmark.solved = landmark.solved || landmark.initialized;
   return summary;
@@ -374,7 +382,7 @@ void VisualInertialGraph::marginalizeOldest() {
   if (first_frame_prior_ && first_frame_prior_->frame == oldest) appendFirstFramePrior(&factors);
   appendStandstill(frames_.front(), &factors);
   appendMarginalPrior(&factors);
-  for (const Landmark& landmark : consumed) appendLandmarkFactors(landmark, &factors);
+  for (const Landmark& landmark : consumed) appendLandmarkFactors(landmark, Depths::kFree, &factors);
   const LinearSystem system = marginalizeFirst(linearize(factors, blocksOf(keys)), 15);
   const std::vector<BlockKey> rest(kept.begin(), kept.end());
   setPrior(rest, withWalk(system, rest, toSeconds(frames_[1].stamp - frames_[0].stamp)));
@@ -385,7 +393,7 @@ void VisualInertialGraph::marginalizeOldest() {
 
 std::optional<GraphCovariance> VisualInertialGraph::covariance() const {
   const std::vector<BlockKey> keys = stateKeys();
-  const LinearSystem system = linearize(allFactors(), blocksOf(keys));
+  const LinearSystem system = linearize(allFactors(Depths::kFree), blocksOf(keys));
   const Eigen::VectorXd scale = system.H.diagonal().cwiseMax(1e-12).cwiseSqrt().cwiseInverse();
   const Eigen::LLT<Eigen::MatrixXd> solver(scale.asDiagonal() * system.H * scale.asDiagonal());
   if (solver.info() != Eigen::Success) return std::nullopt;
@@ -398,7 +406,7 @@ std::optional<Eigen::MatrixXd> VisualInertialGraph::calibrationCovariance() cons
   int size = 0;
   for (const BlockKey& key : {kRotationKey, kTranslationKey, kTimeOffsetKey})
     if (!isHeld(key.kind)) size += tangentSize(key.kind);
-  LinearSystem system = linearize(allFactors(), blocksOf(stateKeys()));
+  LinearSystem system = linearize(allFactors(Depths::kFree), blocksOf(stateKeys()));
   const Eigen::VectorXd scale = system.H.diagonal().cwiseMax(1e-12).cwiseSqrt().cwiseInverse();
   system.H = scale.asDiagonal() * system.H * scale.asDiagonal();
   const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> solver(system.H);  // in place

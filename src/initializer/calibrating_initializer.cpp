@@ -129,9 +129,9 @@ std::optional<InitializedProblem> CalibratingInitializer::addFrame(const Feature
   if (running_) return followAttempt(frame);
   if (!attemptDue(frame)) return std::nullopt;
   last_attempt_ = frame.stamp;
-  ++status_.attempts;
   AttemptInput input = attemptInput(imu);
   if (static_cast<int>(input.keyframes.size()) < options_.min_keyframes) return std::nullopt;
+  ++status_.attempts;
   return startAttempt(std::move(input));
 }
 

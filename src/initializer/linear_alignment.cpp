@@ -137,22 +137,12 @@ std::vector<AlignmentKeyframe> movedKeyframes(const std::vector<AlignmentKeyfram
 }
 
 MatrixXd poseCovariance(const AlignmentNoise& noise, int keyframes) {
-  if (noise.pose_covariance.size() > 0) return noise.pose_covariance;
   VectorXd variance(6 * keyframes);
   for (int k = 0; k < keyframes; ++k) {
     variance.segment<3>(6 * k).setConstant(noise.sigma_position * noise.sigma_position);
     variance.segment<3>(6 * k + 3).setConstant(noise.sigma_rotation * noise.sigma_rotation);
   }
   return variance.asDiagonal();
-}
-
-std::string checkNoise(const AlignmentNoise& noise, int keyframes) {
-  const bool sizes_fit =
-      noise.pose_covariance.size() == 0 ||
-      (noise.pose_covariance.rows() == 6 * keyframes && noise.pose_covariance.cols() == 6 * keyframes);
-  if (!sizes_fit) return "the pose covariance does not have 6 rows and columns per keyframe";
-  if (!noise.pose_covariance.allFinite()) return "the pose covariance is not finite";
-  return std::string();
 }
 
 void appendRows(const Eigen::Matrix<double, 3, 9>& rows, const Vector3d& rhs, RefinementSystem* system) {
@@ -251,7 +241,6 @@ void fillState(const AlignmentInput& input, const RefinementState& state, double
   result->accelerometer_bias = input.preintegrations.front().linearizationBias().accelerometer + state.d_bias;
   result->p_CB = state.p_CB;
   result->p_BC = -(input.R_BC * state.p_CB);
-  result->keyframes = movedKeyframes(input.keyframes, state.d_poses);
 }
 
 // Eq. (16): the least rotation that takes (0, 0, -1) of W to the gravity direction in V.
@@ -326,7 +315,6 @@ Alignment refineWithAccelerometerBias(const AlignmentInput& input, const Approxi
   Alignment result;
   result.failure = start.ok() ? checkAlignmentInput(input) : start.failure;
   const int keyframes = static_cast<int>(input.keyframes.size());
-  if (result.ok() && options.noise) result.failure = checkNoise(*options.noise, keyframes);
   if (!result.ok()) return result;
 
   RefinementState state;

@@ -209,7 +209,7 @@ void SolveWindow(benchmark::State& state) {
     state.PauseTiming();
     VisualInertialGraph graph = window;
     state.ResumeTiming();
-    summary = graph.solve(EstimatorOptions().max_iterations, 1e-5);
+    summary = graph.solve(EstimatorOptions().max_iterations, 1e-5, VisualInertialGraph::Depths::kDamped);
   }
   state.counters["iterations"] = summary.iterations;
 }

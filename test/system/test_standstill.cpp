@@ -190,33 +190,43 @@ class Gliding : public Trajectory {
   double from_, speed_, duration_;
 };
 
-FaultRun glide(double speed, double seconds, Stream* stream) {
-  FeatureSimulationOptions options = stoppingOptions(false, 2, kStand);
+FaultRun glide(std::uint64_t seed, double speed, double seconds) {
+  FeatureSimulationOptions options = stoppingOptions(false, seed, kStand);
   const double from = kStop + kRamp + 4.0;
   options.trajectory = std::make_shared<Gliding>(options.trajectory, from, speed, from + seconds);
-  *stream = Stream(simulateFeatures(options));
-  return runStream(*stream, stream->data().rig.rig, VioOptions());
+  const Stream stream(simulateFeatures(options));
+  return runStream(stream, stream.data().rig.rig, VioOptions());
+}
+
+double largestDrift(const FaultRun& run) {
+  double largest = 0.0;
+  for (const FaultRecord& r : run.between(30.0, 44.0))
+    largest = std::max(largest, driftBetween(run.before(29.0), r));
+  return largest;
 }
 
 TEST(StandstillFaults, ConstantVelocityIsNoStandstill) {
-  Stream stream(simulateFeatures(stoppingOptions(false, 2, 1.0)));
-  const FaultRun run = glide(1.0, 15.0, &stream);
+  const FaultRun run = glide(2, 1.0, 15.0);
   for (const FaultRecord& r : run.between(29.5, 44.0)) EXPECT_FALSE(saysStanding(r.update)) << r.time;
   EXPECT_LT(driftBetween(run.before(29.0), run.last()), 0.5);
 }
 
 TEST(StandstillFaults, TwoCentimetresPerSecondAreNoStandstill) {
-  Stream stream(simulateFeatures(stoppingOptions(false, 2, 1.0)));
-  const FaultRun run = glide(0.02, 15.0, &stream);
+  const FaultRun run = glide(2, 0.02, 15.0);
   int pinned = 0;
-  double largest = 0.0;
-  for (const FaultRecord& r : run.between(30.0, 44.0)) {
-    pinned += saysStanding(r.update);
-    largest = std::max(largest, driftBetween(run.before(29.0), r));
-  }
+  for (const FaultRecord& r : run.between(30.0, 44.0)) pinned += saysStanding(r.update);
+  const double largest = largestDrift(run);
   std::printf("  at 2 cm/s: pinned for %.2f s of 14, largest error of the position %.1f mm\n", pinned / 20.0,
               1e3 * largest);
   EXPECT_EQ(pinned, 0);
+  EXPECT_LT(largest, 0.03);
+}
+
+// Landmarks that have no parallax yet must not hold up all others: without damping of their depths this seed, and four of the
+// first 32, goes 0.75 m astray with a sigma of 26 mm.
+TEST(StandstillFaults, SettingOffSlowlyDoesNotStallTheSolver) {
+  const double largest = largestDrift(glide(8, 0.02, 15.0));
+  std::printf("  at 2 cm/s: largest error of the position %.1f mm\n", 1e3 * largest);
   EXPECT_LT(largest, 0.03);
 }
 

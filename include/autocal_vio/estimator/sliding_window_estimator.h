@@ -73,6 +73,7 @@ class SlidingWindowEstimator {
   EstimatorResult fail(const std::string& problem, CalibrationTrust trust) const;
   bool isKeyframe() const;
   bool finishKeyframe();
+  SolveSummary solveWindow();
   EstimatorResult estimate(EstimatorResult result, bool resting);
   bool noticesStandstill(const FeatureFrame& frame, const ImuBuffer& imu);
   std::string stand(const ImuBuffer& imu);

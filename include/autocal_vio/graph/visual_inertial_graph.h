@@ -67,8 +67,13 @@ class VisualInertialGraph {
   /// Turns the oldest frame, and all landmarks seen in it, into the prior.
   void marginalizeOldest();
 
+  enum class Depths {
+    kFree,    ///< go wherever the factors take them
+    kDamped,  ///< stay near where they are, unless the images tell: for a few iterations after each new image
+  };
+
   /// Solves for all states.
-  SolveSummary solve(int max_iterations, double function_tolerance = 1e-6);
+  SolveSummary solve(int max_iterations, double function_tolerance = 1e-6, Depths depths = Depths::kFree);
 
   /// Solves for the newest frame's pose, velocity and biases alone, everything else held.
   SolveSummary solveNewest(int max_iterations);
@@ -121,14 +126,14 @@ class VisualInertialGraph {
   Factor imuFactor(std::size_t frame_index) const;
   Factor reprojectionFactor(const Landmark& landmark, const Observation& observation,
                             const FrameState& frame) const;
-  void appendLandmarkFactors(const Landmark& landmark, std::vector<Factor>* factors) const;
+  void appendLandmarkFactors(const Landmark& landmark, Depths depths, std::vector<Factor>* factors) const;
   std::vector<Factor> newestFrameFactors() const;
   void appendFirstFramePrior(std::vector<Factor>* factors) const;
   void appendStandstill(const FrameState& frame, std::vector<Factor>* factors) const;
   void appendMarginalPrior(std::vector<Factor>* factors) const;
   void appendExtrinsicsPrior(std::vector<Factor>* factors) const;
   void appendCalibrationPrior(std::vector<Factor>* factors) const;
-  std::vector<Factor> allFactors() const;
+  std::vector<Factor> allFactors(Depths depths) const;
   void forgetExtrinsics();
   LinearSystem withWalk(LinearSystem system, const std::vector<BlockKey>& keys, double seconds);
   void setPrior(const std::vector<BlockKey>& keys, const LinearSystem& system);

@@ -50,9 +50,6 @@ struct ApproximateAlignment {
 struct AlignmentNoise {
   double sigma_position = 0.0;  ///< of p_VC, per axis, independent [structure units]
   double sigma_rotation = 0.0;  ///< of R_VC, per axis, independent [rad]
-  /// Joint covariance of all keyframes, 6N x 6N, per keyframe position [structure units] then rotation [rad]
-  /// (right perturbation). Replaces the two sigmas where not empty.
-  Eigen::MatrixXd pose_covariance;
   double sigma_accelerometer_bias = 0.3;                 ///< prior, zero mean; 0: none [m/s^2]
   Eigen::Vector3d prior_p_BC = Eigen::Vector3d::Zero();  ///< [m]
   double sigma_p_BC = 0.0;                               ///< of prior_p_BC, per axis; 0: no prior [m]
@@ -91,8 +88,6 @@ struct Alignment {
   double rms_residual = 0.0;  ///< [m/s^2]
   double chi2_per_dof = 0.0;  ///< weighted only: near 1 where the noise model holds [-]
   int iterations = 0;
-  /// Weighted only: the keyframes moved to where vision and IMU agree best, same order, still in V and units.
-  std::vector<AlignmentKeyframe> keyframes;
 
   bool ok() const { return failure.empty(); }
 };
