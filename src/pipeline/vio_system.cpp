@@ -1,5 +1,6 @@
 #include "autocal_vio/pipeline/vio_system.h"
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <opencv2/core/mat.hpp>
 #include <optional>
@@ -11,12 +12,16 @@
 #include "autocal_vio/estimator/bump_detector.h"
 #include "autocal_vio/frontend/feature_tracker.h"
 #include "autocal_vio/frontend/rolling_shutter.h"
+#include "autocal_vio/geometry/so3.h"
 #include "autocal_vio/imu/imu_plausibility.h"
+#include "autocal_vio/initializer/calibrating_initializer.h"
 #include "autocal_vio/pipeline/measurement_sync.h"
 #include "autocal_vio/pipeline/session.h"
 
 namespace autocal_vio {
 namespace {
+
+constexpr double kContradictionSigmas = 4.5;  // of three axes, from what the user gave
 
 void setProblem(std::string* problem, const std::string& text) {
   if (problem) *problem = text;
@@ -39,6 +44,12 @@ CameraModel makeCamera(const RigModel& rig, const VioOptions& options) {
   throw std::invalid_argument(text);
 }
 
+// Three axes of a difference, with the covariance of one side and the sigma of each axis of the other.
+bool farOff(const Eigen::Vector3d& off, const Eigen::Matrix3d& covariance, double sigma) {
+  const Eigen::Matrix3d expected = covariance + sigma * sigma * Eigen::Matrix3d::Identity();
+  return off.dot(expected.ldlt().solve(off)) > kContradictionSigmas * kContradictionSigmas;
+}
+
 }  // namespace
 
 class VioSystem::Impl {
@@ -46,6 +57,7 @@ class VioSystem::Impl {
   Impl(const RigModel& rig, const VioOptions& options, UpdateSink sink)
       : camera_(makeCamera(rig, options)),
         rig_(rig),
+        given_(rig.extrinsics_prior),
         options_(options),
         sink_(std::move(sink)),
         tracker_(camera_, options.tracker),
@@ -177,7 +189,10 @@ class VioSystem::Impl {
     last_processed_ = pending.stamp;
     const bool sound = session_->process(frame, sync_.imu(), &update_);
     if (const std::set<std::int64_t>* wandering = session_->wanderingTracks()) tracker_.drop(*wandering);
-    if (!options_.fix_extrinsics) doubtPriors();
+    if (!options_.fix_extrinsics) {
+      judgeGiven();
+      doubtPriors();
+    }
     if (!sound) {
       ++counters_.resets;
       const RigModel rig = rigWithCalibration();
@@ -209,6 +224,22 @@ class VioSystem::Impl {
       else if (contradicted || session_->mountMayHaveMoved())
         rig->extrinsics_prior = withinABump(*rig->extrinsics_prior);
     }
+  }
+
+  // Where something did not fit before the calibration had ever converged, what the user gave may have been to blame, and goes on
+  // as a rough guess. What it converges to then tells.
+  void judgeGiven() {
+    if (session_->mountMayHaveMoved() && !ever_converged_) given_doubted_ = true;
+    if (update_.state != VioState::kConverged || ever_converged_) return;
+    ever_converged_ = true;
+    if (!given_doubted_ || !given_ || !given_problem_.empty()) return;
+    const CalibrationEstimate& found = update_.calibration;
+    const Eigen::Vector3d angle = logSo3(given_->T_imu_cam.rotation.conjugate() * found.T_imu_cam.rotation),
+                          distance = found.T_imu_cam.translation - given_->T_imu_cam.translation;
+    if (farOff(angle, found.covariance.bottomRightCorner<3, 3>(), given_->sigma_rotation))
+      given_problem_ = rotationPriorProblem(angle.norm(), *given_, false);
+    else if (farOff(distance, found.covariance.topLeftCorner<3, 3>(), given_->sigma_translation))
+      given_problem_ = translationPriorProblem(distance.norm(), *given_);
   }
 
   // The user has to mend the file: that is said for as long as the process runs.
@@ -243,6 +274,7 @@ class VioSystem::Impl {
 
   CameraModel camera_;
   RigModel rig_, session_rig_;
+  std::optional<ExtrinsicsPrior> given_;
   VioOptions options_;
   UpdateSink sink_;
   FeatureTracker tracker_;
@@ -254,6 +286,7 @@ class VioSystem::Impl {
   std::optional<TimeNs> last_processed_;
   std::vector<std::pair<std::int64_t, int>> ages_;  ///< of the tracks in the last image, by ascending id
   std::string lost_because_;
+  bool given_doubted_ = false, ever_converged_ = false;
   std::string given_problem_;  ///< what was wrong with the extrinsics that the user gave, in words
   VioCounters counters_;
   VioUpdate update_;
