@@ -343,7 +343,8 @@ Calibration atTheEnd(const Outcome& o) {
 
 TEST(InitializerMonteCarlo, EurocNoise) {
   const char* const name = "euroc";
-  const std::vector<Outcome> outcomes = runSeeds(seeds(20), euroc, {true, {}});
+  const std::vector<Outcome> outcomes =
+      runSeeds(seeds(40), euroc, {true, {}});  // 95 % of 20 would be the second worst
   summarize(name, outcomes);
   expectBelow(name, "RMSE over the bound 10 s later, worst axis", ratioToBound(name, outcomes).maxCoeff(),
               fullTable() ? 2.0 : 2.5);

@@ -48,8 +48,8 @@ struct ApproximateAlignment {
 
 /// Noise model and priors of the weighted refinement.
 struct AlignmentNoise {
-  double sigma_position = 0.0;  ///< of p_VC, per axis, independent [structure units]
-  double sigma_rotation = 0.0;  ///< of R_VC, per axis, independent [rad]
+  double sigma_position = 0.0;                           ///< of p_VC, per axis, independent [structure units]
+  double sigma_rotation = 0.0;                           ///< of R_VC, per axis, independent [rad]
   double sigma_accelerometer_bias = 0.3;                 ///< prior, zero mean; 0: none [m/s^2]
   Eigen::Vector3d prior_p_BC = Eigen::Vector3d::Zero();  ///< [m]
   double sigma_p_BC = 0.0;                               ///< of prior_p_BC, per axis; 0: no prior [m]
