@@ -1,7 +1,7 @@
 #include "autocal_vio/pipeline/vio_system.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
+#include <limits>
 #include <opencv2/core/mat.hpp>
 #include <optional>
 #include <set>
@@ -10,9 +10,9 @@
 
 #include "autocal_vio/common/stage_clock.h"
 #include "autocal_vio/estimator/bump_detector.h"
+#include "autocal_vio/estimator/without_prior.h"
 #include "autocal_vio/frontend/feature_tracker.h"
 #include "autocal_vio/frontend/rolling_shutter.h"
-#include "autocal_vio/geometry/so3.h"
 #include "autocal_vio/imu/imu_plausibility.h"
 #include "autocal_vio/initializer/calibrating_initializer.h"
 #include "autocal_vio/pipeline/measurement_sync.h"
@@ -42,12 +42,6 @@ CameraModel makeCamera(const RigModel& rig, const VioOptions& options) {
   std::string text;
   for (const std::string& problem : problems) text += (text.empty() ? "" : "; ") + problem;
   throw std::invalid_argument(text);
-}
-
-// Three axes of a difference, with the covariance of one side and the sigma of each axis of the other.
-bool farOff(const Eigen::Vector3d& off, const Eigen::Matrix3d& covariance, double sigma) {
-  const Eigen::Matrix3d expected = covariance + sigma * sigma * Eigen::Matrix3d::Identity();
-  return off.dot(expected.ldlt().solve(off)) > kContradictionSigmas * kContradictionSigmas;
 }
 
 }  // namespace
@@ -234,12 +228,15 @@ class VioSystem::Impl {
     ever_converged_ = true;
     if (!given_doubted_ || !given_ || !given_problem_.empty()) return;
     const CalibrationEstimate& found = update_.calibration;
-    const Eigen::Vector3d angle = logSo3(given_->T_imu_cam.rotation.conjugate() * found.T_imu_cam.rotation),
-                          distance = found.T_imu_cam.translation - given_->T_imu_cam.translation;
-    if (farOff(angle, found.covariance.bottomRightCorner<3, 3>(), given_->sigma_rotation))
-      given_problem_ = rotationPriorProblem(angle.norm(), *given_, false);
-    else if (farOff(distance, found.covariance.topLeftCorner<3, 3>(), given_->sigma_translation))
-      given_problem_ = translationPriorProblem(distance.norm(), *given_);
+    const Eigen::Matrix<double, 6, 1> off = deviationFrom(given_->T_imu_cam, found.T_imu_cam);
+    const auto contradicts = [&](int first, double sigma) {
+      return sigmasOff(off.segment<3>(first), found.covariance.block<3, 3>(first, first), sigma,
+                       std::numeric_limits<double>::infinity()) > kContradictionSigmas;
+    };
+    if (contradicts(3, given_->sigma_rotation))
+      given_problem_ = rotationPriorProblem(off.tail<3>().norm(), *given_, false);
+    else if (contradicts(0, given_->sigma_translation))
+      given_problem_ = translationPriorProblem(off.head<3>().norm(), *given_);
   }
 
   // The user has to mend the file: that is said for as long as the process runs.
@@ -274,7 +271,7 @@ class VioSystem::Impl {
 
   CameraModel camera_;
   RigModel rig_, session_rig_;
-  std::optional<ExtrinsicsPrior> given_;
+  std::optional<ExtrinsicsPrior> given_;  ///< as the user gave it; rig_ may have widened or dropped it since
   VioOptions options_;
   UpdateSink sink_;
   FeatureTracker tracker_;

@@ -465,6 +465,13 @@ TEST(InitializerMonteCarlo, WrongPriorsAreFoundOut) {
   expectAtLeast(name, "share within 3 sigma at the end", shareWithin3Sigma(outcomes, atTheEnd), 0.95);
 }
 
+// It begins with 10 deg of error, which pass for noise of the gyroscope, and is lost within seconds.
+TEST(InitializerMonteCarlo, AWrongPriorThatPassedForNoiseIsNamedOnceConverged) {
+  const Outcome o = run(halfAMinute(euroc(41)), {false, wrongPrior});
+  EXPECT_TRUE(o.prior_wrong) << o.last_reason;
+  EXPECT_TRUE(std::isfinite(o.converged_s));
+}
+
 // What contradicts the prior could pass for the IMU's noise, which is high. 2 or 3 cm of translation alone are no more than 2
 // or 3 sigmas of what half a minute of such data tells: nobody can call them wrong, and nothing is called converged there.
 TEST(InitializerMonteCarlo, WrongPriorsAreFoundOutInNoise) {

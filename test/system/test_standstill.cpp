@@ -222,8 +222,8 @@ TEST(StandstillFaults, TwoCentimetresPerSecondAreNoStandstill) {
   EXPECT_LT(largest, 0.03);
 }
 
-// Landmarks that have no parallax yet must not hold up all others: without damping of their depths this seed, and four of the
-// first 32, goes 0.75 m astray with a sigma of 26 mm.
+// Landmarks that have no parallax yet must not hold up all others: without damping of their depths this seed goes 0.75 m
+// astray with a sigma of 26 mm, and three more of the first 32 further.
 TEST(StandstillFaults, SettingOffSlowlyDoesNotStallTheSolver) {
   const double largest = largestDrift(glide(8, 0.02, 15.0));
   std::printf("  at 2 cm/s: largest error of the position %.1f mm\n", 1e3 * largest);
