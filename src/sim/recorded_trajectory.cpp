@@ -125,7 +125,7 @@ RecordedTrajectory::RecordedTrajectory(const std::vector<TimedPose>& poses, doub
     throw std::invalid_argument("recorded trajectory: knot_spacing must be within (0.001, 10) s");
   begin_ = poses.front().stamp;
   end_ = poses.back().stamp;
-  spacing_ = std::max(knot_spacing, 1.5 * medianInterval(poses));
+  spacing_ = std::max(knot_spacing, medianInterval(poses));
   fit(poses);
 }
 

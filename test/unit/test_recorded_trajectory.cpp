@@ -43,6 +43,27 @@ TEST(RecordedTrajectory, FollowsTheRecordedMotion) {
   }
 }
 
+// A drone's motors shake it faster than any smooth spline follows.
+TEST(RecordedTrajectory, GoesThroughShakenPosesWhereTheKnotsAreFineEnough) {
+  std::vector<TimedPose> poses = sampled(sine(), 5000000);
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    const double shake = 0.01 * std::sin(2.0 * i);  // [rad], 64 Hz
+    poses[i].T_WB.rotation = poses[i].T_WB.rotation * expSo3(shake * Vector3d(1.0, 2.0, 3.0).normalized());
+    poses[i].T_WB.translation.z() += 0.1 * shake;
+  }
+  const RecordedTrajectory smooth(poses), exact(poses, 0.002);
+  double largest = 0.0, largest_smooth = 0.0;
+  for (std::size_t i = 100; i + 100 < poses.size(); ++i) {
+    const Transform a = poses[i].T_WB, b = exact.at(poses[i].stamp).T_WB;
+    largest = std::max(largest, a.rotation.angularDistance(b.rotation));
+    EXPECT_LT((a.translation - b.translation).norm(), 2e-5);
+    largest_smooth =
+        std::max(largest_smooth, a.rotation.angularDistance(smooth.at(poses[i].stamp).T_WB.rotation));
+  }
+  EXPECT_LT(largest, 2e-4);
+  EXPECT_GT(largest_smooth, 8e-3);
+}
+
 TEST(RecordedTrajectory, DerivativesAreThoseOfTheSpline) {
   const RecordedTrajectory trajectory(sampled(sine(), 25000000));
   constexpr TimeNs kStep = 1000000;

@@ -30,8 +30,8 @@ std::vector<ImuSample> readImu(const std::string& path);
 /// with its poses. The orientation is a spline in the four quaternion components, normalised.
 class RecordedTrajectory : public Trajectory {
  public:
-  /// `knot_spacing` [s]: motion much faster than it is smoothed away; raised where the poses are sparser than
-  /// that. Throws std::invalid_argument for fewer than 8 poses or stamps that do not rise.
+  /// `knot_spacing` [s]: motion much faster than it is smoothed away; raised to the interval of the poses, at which the
+  /// spline goes through every one of them. Throws std::invalid_argument for fewer than 8 poses or stamps that do not rise.
   explicit RecordedTrajectory(const std::vector<TimedPose>& poses, double knot_spacing = 0.1);
 
   RigMotion at(TimeNs stamp) const override;
