@@ -8,6 +8,7 @@
 
 #include "autocal_vio/common/stage_clock.h"
 #include "autocal_vio/geometry/so3.h"
+#include "autocal_vio/graph/without_prior.h"
 
 namespace autocal_vio {
 namespace {
@@ -34,8 +35,7 @@ constexpr double kLeastShareThatFits =
 constexpr double kLargestPixelRms = 2.0;  // [px] of an acceptable solution
 constexpr double kLargestAccelBias =
     2.0;  // [m/s^2] beyond it the unit or the scale of the accelerometer is wrong
-constexpr double kContradictionSigmas = 4.5;  // of three axes, from a prior
-constexpr double kNearPriorSigmas = 3.0;      // of its translation
+constexpr double kNearPriorSigmas = 3.0;  // of a prior's translation
 constexpr int kSolveIterations = 20;
 constexpr double kMostPatience = 2.0;
 
@@ -124,7 +124,7 @@ std::optional<InitializedProblem> InitializationAttempt::solveDoubtingPrior(
   std::optional<InitializedProblem> problem = solveMotion();
   const bool better = problem && (!believing || problem->noise.factors().gyroscope <
                                                     0.5 * believing->noise.factors().gyroscope);
-  const bool wrong = better && contradicts(prior, problem->graph);
+  const bool wrong = better && contradictsPrior(prior, problem->graph);
   if (!wrong) {
     findings_ = before;
     noise_found_ = noise_before;
@@ -136,22 +136,18 @@ std::optional<InitializedProblem> InitializationAttempt::solveDoubtingPrior(
 }
 
 // The rotation first: whoever is wrong about it is wrong about the translation too.
-bool InitializationAttempt::contradicts(const ExtrinsicsPrior& prior, const VisualInertialGraph& graph) {
+bool InitializationAttempt::contradictsPrior(const ExtrinsicsPrior& prior, const VisualInertialGraph& graph) {
   const std::optional<GraphCovariance> covariance = graph.covariance();
   if (!covariance) return false;
-  const Transform T_BC = graph.calibration().T_BC();
-  const auto farOff = [](const Eigen::Vector3d& off, const Eigen::Matrix3d& P, double sigma) {
-    const Eigen::Matrix3d expected =
-        kSigmaInflation * kSigmaInflation * P + sigma * sigma * Eigen::Matrix3d::Identity();
-    return std::sqrt(off.dot(expected.ldlt().solve(off))) > kContradictionSigmas;
-  };
-  const Eigen::Vector3d angle = logSo3(prior.T_imu_cam.rotation.conjugate() * T_BC.rotation);
-  const Eigen::Vector3d distance = T_BC.translation - prior.T_imu_cam.translation;
-  if (farOff(angle, covariance->block({-1, BlockKind::kExtrinsicRotation}), prior.sigma_rotation))
-    rotation_contradiction_ = angle.norm();
-  else if (farOff(distance, covariance->block({-1, BlockKind::kExtrinsicTranslation}),
-                  prior.sigma_translation))
-    translation_contradiction_ = distance.norm();
+  const Eigen::Matrix<double, 6, 1> off = deviationFrom(prior.T_imu_cam, graph.calibration().T_BC());
+  Eigen::Matrix<double, 6, 6> P = Eigen::Matrix<double, 6, 6>::Zero();  // what is read of it
+  P.topLeftCorner<3, 3>() = covariance->block({-1, BlockKind::kExtrinsicTranslation});
+  P.bottomRightCorner<3, 3>() = covariance->block({-1, BlockKind::kExtrinsicRotation});
+  P *= kSigmaInflation * kSigmaInflation;
+  if (contradicts(off, P, 3, prior.sigma_rotation))
+    rotation_contradiction_ = off.tail<3>().norm();
+  else if (contradicts(off, P, 0, prior.sigma_translation))
+    translation_contradiction_ = off.head<3>().norm();
   return rotation_contradiction_ || translation_contradiction_;
 }
 

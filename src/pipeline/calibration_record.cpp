@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "autocal_vio/estimator/without_prior.h"
+#include "autocal_vio/graph/without_prior.h"
 
 namespace autocal_vio {
 namespace {

@@ -6,8 +6,8 @@
 #include <utility>
 
 #include "autocal_vio/common/stage_clock.h"
-#include "autocal_vio/estimator/without_prior.h"
 #include "autocal_vio/geometry/so3.h"
+#include "autocal_vio/graph/without_prior.h"
 
 namespace autocal_vio {
 namespace {
@@ -22,23 +22,15 @@ GraphOptions graphOptions(const EstimatorOptions& options) {
   return graph;
 }
 
-constexpr double kUnknownSigma = 1e3;         // published where nothing is known
-constexpr double kContradictionSigmas = 4.5;  // of three axes, from a prior
-constexpr double kSuspectSigmas = 2.0;        // the same where something does not fit anyhow
-constexpr double kBlindRemark = 0.3;          // [s] without usable images before the reason says so
+constexpr double kUnknownSigma = 1e3;   // published where nothing is known
+constexpr double kSuspectSigmas = 2.0;  // of three axes from a prior, where something does not fit anyhow
+constexpr double kBlindRemark = 0.3;    // [s] without usable images before the reason says so
 
 // An error of the principal point turns the camera about its x and y axes.
 Matrix6d intrinsicsShare(const RigModel& rig, double focal_length) {
   Matrix6d result = Matrix6d::Zero();
   if (rig.camera) result(3, 3) = result(4, 4) = std::pow(rig.camera->sigma_principal_point / focal_length, 2);
   return result;
-}
-
-// What the data alone say of the three axes from `first` on, against the prior's sigma on each.
-bool contradicts(const Eigen::Matrix<double, 6, 1>& deviation, const Matrix6d& covariance, int first,
-                 double prior_sigma, double largest_sigma) {
-  return sigmasOff(deviation.segment<3>(first), covariance.block<3, 3>(first, first), prior_sigma,
-                   largest_sigma) > kContradictionSigmas;
 }
 
 // Rotation about the vertical that brings `from` nearest to `to`; defined for any attitude but one upside down.

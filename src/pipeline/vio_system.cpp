@@ -1,7 +1,6 @@
 #include "autocal_vio/pipeline/vio_system.h"
 
 #include <algorithm>
-#include <limits>
 #include <opencv2/core/mat.hpp>
 #include <optional>
 #include <set>
@@ -10,9 +9,9 @@
 
 #include "autocal_vio/common/stage_clock.h"
 #include "autocal_vio/estimator/bump_detector.h"
-#include "autocal_vio/estimator/without_prior.h"
 #include "autocal_vio/frontend/feature_tracker.h"
 #include "autocal_vio/frontend/rolling_shutter.h"
+#include "autocal_vio/graph/without_prior.h"
 #include "autocal_vio/imu/imu_plausibility.h"
 #include "autocal_vio/initializer/calibrating_initializer.h"
 #include "autocal_vio/pipeline/measurement_sync.h"
@@ -20,8 +19,6 @@
 
 namespace autocal_vio {
 namespace {
-
-constexpr double kContradictionSigmas = 4.5;  // of three axes, from what the user gave
 
 void setProblem(std::string* problem, const std::string& text) {
   if (problem) *problem = text;
@@ -229,13 +226,9 @@ class VioSystem::Impl {
     if (!given_doubted_ || !given_ || !given_problem_.empty()) return;
     const CalibrationEstimate& found = update_.calibration;
     const Eigen::Matrix<double, 6, 1> off = deviationFrom(given_->T_imu_cam, found.T_imu_cam);
-    const auto contradicts = [&](int first, double sigma) {
-      return sigmasOff(off.segment<3>(first), found.covariance.block<3, 3>(first, first), sigma,
-                       std::numeric_limits<double>::infinity()) > kContradictionSigmas;
-    };
-    if (contradicts(3, given_->sigma_rotation))
+    if (contradicts(off, found.covariance, 3, given_->sigma_rotation))
       given_problem_ = rotationPriorProblem(off.tail<3>().norm(), *given_, false);
-    else if (contradicts(0, given_->sigma_translation))
+    else if (contradicts(off, found.covariance, 0, given_->sigma_translation))
       given_problem_ = translationPriorProblem(off.head<3>().norm(), *given_);
   }
 

@@ -3,7 +3,7 @@
 #include <Eigen/Dense>
 #include <cmath>
 
-#include "autocal_vio/estimator/without_prior.h"
+#include "autocal_vio/graph/without_prior.h"
 
 namespace autocal_vio {
 namespace {
@@ -41,6 +41,18 @@ TEST(WithoutPrior, CountsSigmasAlongWhatTheDataKnow) {
   EXPECT_NEAR(sigmasOff(R * off, covariance, 0.12, 1.0), 5.0, 1e-9);
   EXPECT_NEAR(sigmasOff(R * off, covariance, 0.12, 0.3), 3.0, 1e-9);
   EXPECT_NEAR(sigmasOff(R * off, covariance, 0.12, 0.1), 0.0, 1e-9);
+}
+
+// Each half of the extrinsics is judged by its own prior; a rotation that is far off says nothing of the translation.
+TEST(WithoutPrior, ContradictionsAreFoundInTheHalfThatIsWrong) {
+  Eigen::Matrix<double, 6, 1> deviation;
+  deviation << 0.0, 0.03, 0.0, 0.0, 0.0, 0.1;
+  const Eigen::Matrix<double, 6, 6> covariance = 1e-4 * Eigen::Matrix<double, 6, 6>::Identity();
+  EXPECT_TRUE(contradicts(deviation, covariance, 3, 0.0));
+  EXPECT_TRUE(contradicts(deviation, covariance, 3, 0.019));        // 0.1 / hypot(0.01, 0.019) = 4.66
+  EXPECT_FALSE(contradicts(deviation, covariance, 3, 0.021));       // 4.30
+  EXPECT_FALSE(contradicts(deviation, covariance, 0, 0.0));         // 3
+  EXPECT_FALSE(contradicts(deviation, covariance, 3, 0.0, 0.009));  // known no better than 0.01
 }
 
 }  // namespace

@@ -89,7 +89,7 @@ class InitializationAttempt {
   std::optional<InitializedProblem> solve();
   std::optional<InitializedProblem> solveMotion();
   std::optional<InitializedProblem> solveDoubtingPrior(std::optional<InitializedProblem> believing);
-  bool contradicts(const ExtrinsicsPrior& prior, const VisualInertialGraph& graph);
+  bool contradictsPrior(const ExtrinsicsPrior& prior, const VisualInertialGraph& graph);
   bool preintegrate();
   bool reconstruct();
   bool align();

@@ -1,4 +1,4 @@
-#include "autocal_vio/estimator/without_prior.h"
+#include "autocal_vio/graph/without_prior.h"
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
@@ -46,6 +46,12 @@ double sigmasOff(const Eigen::Vector3d& deviation, const Eigen::Matrix3d& covari
         std::pow(solver.eigenvectors().col(i).dot(deviation), 2) / (variance + prior_sigma * prior_sigma);
   }
   return std::sqrt(squares);
+}
+
+bool contradicts(const Eigen::Matrix<double, 6, 1>& deviation, const Eigen::Matrix<double, 6, 6>& covariance,
+                 int first, double prior_sigma, double largest_sigma) {
+  return sigmasOff(deviation.segment<3>(first), covariance.block<3, 3>(first, first), prior_sigma,
+                   largest_sigma) > kContradictionSigmas;
 }
 
 Eigen::Matrix<double, 6, 1> deviationFrom(const Transform& prior, const Transform& T_BC) {
