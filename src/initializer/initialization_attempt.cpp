@@ -121,18 +121,25 @@ std::optional<InitializedProblem> InitializationAttempt::solveDoubtingPrior(
   const ExtrinsicsPrior prior = *input_.prior;
   input_.prior->sigma_translation = std::max(prior.sigma_translation, kPriorSigmaTranslation);
   input_.prior->sigma_rotation = std::max(prior.sigma_rotation, kDoubtedSigmaRotation);
-  std::optional<InitializedProblem> problem = solveMotion();
-  const bool better = problem && (!believing || problem->noise.factors().gyroscope <
-                                                    0.5 * believing->noise.factors().gyroscope);
-  const bool wrong = better && contradictsPrior(prior, problem->graph);
+  const std::optional<InitializedProblem> problem = solveMotion();
+  const bool fits_better =
+      noise_found_ && (!believing || noise_found_->gyroscope < 0.5 * believing->noise.factors().gyroscope);
+  const bool wrong = fits_better && problem && contradictsPrior(prior, problem->graph);
+  const bool undecided = fits_better && !problem && believing;
   if (!wrong) {
     findings_ = before;
     noise_found_ = noise_before;
-    return believing;
   }
-  fail("collecting keyframes for a beginning without what was given beforehand",
-       "keep moving with changing speed and direction, while turning");
-  return std::nullopt;
+  if (wrong)
+    fail("collecting keyframes for a beginning without what was given beforehand",
+         "keep moving with changing speed and direction, while turning");
+  else if (undecided)
+    fail(
+        "images and IMU fit better without what was given beforehand, but do not tell the scale without it "
+        "yet",
+        "move about with changing speed and direction, while turning");
+  if (wrong || undecided) return std::nullopt;
+  return believing;
 }
 
 // The rotation first: whoever is wrong about it is wrong about the translation too.

@@ -11,9 +11,7 @@
 #include "autocal_vio/estimator/bump_detector.h"
 #include "autocal_vio/frontend/feature_tracker.h"
 #include "autocal_vio/frontend/rolling_shutter.h"
-#include "autocal_vio/graph/without_prior.h"
 #include "autocal_vio/imu/imu_plausibility.h"
-#include "autocal_vio/initializer/calibrating_initializer.h"
 #include "autocal_vio/pipeline/measurement_sync.h"
 #include "autocal_vio/pipeline/session.h"
 
@@ -48,7 +46,6 @@ class VioSystem::Impl {
   Impl(const RigModel& rig, const VioOptions& options, UpdateSink sink)
       : camera_(makeCamera(rig, options)),
         rig_(rig),
-        given_(rig.extrinsics_prior),
         options_(options),
         sink_(std::move(sink)),
         tracker_(camera_, options.tracker),
@@ -180,10 +177,7 @@ class VioSystem::Impl {
     last_processed_ = pending.stamp;
     const bool sound = session_->process(frame, sync_.imu(), &update_);
     if (const std::set<std::int64_t>* wandering = session_->wanderingTracks()) tracker_.drop(*wandering);
-    if (!options_.fix_extrinsics) {
-      judgeGiven();
-      doubtPriors();
-    }
+    if (!options_.fix_extrinsics) doubtPriors();
     if (!sound) {
       ++counters_.resets;
       const RigModel rig = rigWithCalibration();
@@ -215,21 +209,6 @@ class VioSystem::Impl {
       else if (contradicted || session_->mountMayHaveMoved())
         rig->extrinsics_prior = withinABump(*rig->extrinsics_prior);
     }
-  }
-
-  // Where something did not fit before the calibration had ever converged, what the user gave may have been to blame, and goes on
-  // as a rough guess. What it converges to then tells.
-  void judgeGiven() {
-    if (session_->mountMayHaveMoved() && !ever_converged_) given_doubted_ = true;
-    if (update_.state != VioState::kConverged || ever_converged_) return;
-    ever_converged_ = true;
-    if (!given_doubted_ || !given_ || !given_problem_.empty()) return;
-    const CalibrationEstimate& found = update_.calibration;
-    const Eigen::Matrix<double, 6, 1> off = deviationFrom(given_->T_imu_cam, found.T_imu_cam);
-    if (contradicts(off, found.covariance, 3, given_->sigma_rotation))
-      given_problem_ = rotationPriorProblem(off.tail<3>().norm(), *given_, false);
-    else if (contradicts(off, found.covariance, 0, given_->sigma_translation))
-      given_problem_ = translationPriorProblem(off.head<3>().norm(), *given_);
   }
 
   // The user has to mend the file: that is said for as long as the process runs.
@@ -264,7 +243,6 @@ class VioSystem::Impl {
 
   CameraModel camera_;
   RigModel rig_, session_rig_;
-  std::optional<ExtrinsicsPrior> given_;  ///< as the user gave it; rig_ may have widened or dropped it since
   VioOptions options_;
   UpdateSink sink_;
   FeatureTracker tracker_;
@@ -276,7 +254,6 @@ class VioSystem::Impl {
   std::optional<TimeNs> last_processed_;
   std::vector<std::pair<std::int64_t, int>> ages_;  ///< of the tracks in the last image, by ascending id
   std::string lost_because_;
-  bool given_doubted_ = false, ever_converged_ = false;
   std::string given_problem_;  ///< what was wrong with the extrinsics that the user gave, in words
   VioCounters counters_;
   VioUpdate update_;
