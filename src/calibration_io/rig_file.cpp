@@ -10,7 +10,6 @@ namespace autocal_vio {
 namespace {
 
 constexpr double kMaxTimeshift = 1.0;  // [s], beyond it clocks are not merely offset
-constexpr double kMaxLeverArm = 10.0;  // [m]
 constexpr int kLargestImage = 20000;   // [px]
 
 const char* const kImuKeys[] = {"accelerometer_noise_density", "accelerometer_random_walk",

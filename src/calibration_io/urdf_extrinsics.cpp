@@ -5,11 +5,13 @@
 #include <urdf_parser/urdf_parser.h>
 
 #include <optional>
+#include <sstream>
 #include <vector>
 
 #include "autocal_vio/calibration_io/load_problems.h"
 #include "autocal_vio/calibration_io/text_file.h"
 #include "autocal_vio/calibration_io/urdf_text.h"
+#include "autocal_vio/rig/rig_model.h"
 
 namespace autocal_vio {
 namespace {
@@ -140,9 +142,21 @@ Transform urdfTransform(const UrdfText& urdf, const std::string& from_link, cons
   return T_from_to;
 }
 
+Transform urdfExtrinsics(const UrdfText& urdf, const std::string& imu_link, const std::string& camera_link) {
+  const Transform T_imu_cam = urdfTransform(urdf, imu_link, camera_link);
+  const double lever_arm = T_imu_cam.translation.norm();
+  if (lever_arm > kMaxLeverArm) {
+    std::ostringstream text;
+    text << urdf.source << ": " << camera_link << " is " << lever_arm << " m away from " << imu_link
+         << ", at most " << kMaxLeverArm << " m is expected (are its origins in millimetres?)";
+    throw LoadProblems({text.str()});
+  }
+  return T_imu_cam;
+}
+
 Transform loadUrdfExtrinsics(const std::string& path, const std::string& imu_link,
                              const std::string& camera_link) {
-  return urdfTransform(readUrdfFile(path), imu_link, camera_link);
+  return urdfExtrinsics(readUrdfFile(path), imu_link, camera_link);
 }
 
 std::string urdfWithExtrinsics(const UrdfText& urdf, const std::string& imu_link,

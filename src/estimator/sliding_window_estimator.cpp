@@ -27,9 +27,7 @@ constexpr double kFitRotation = 0.005;    // [rad] sigma of where the newest ima
 constexpr double kFitTranslation = 0.01;  // [m] several times the error of such fits in simulation
 constexpr BlockKey kRotationKey{-1, BlockKind::kExtrinsicRotation};
 constexpr BlockKey kTranslationKey{-1, BlockKind::kExtrinsicTranslation};
-constexpr double kLongestBridgedGap = 0.5;  // [s] without IMU samples
-constexpr double kGapNoiseFactor = 20.0;    // noise across a gap in the IMU samples
-constexpr double kStandingSpeed = 0.1;      // [m/s] an estimate of more, by kStandingSigmas, does not stand
+constexpr double kStandingSpeed = 0.1;  // [m/s] an estimate of more, by kStandingSigmas, does not stand
 constexpr double kStandingSigmas = 5.0;
 constexpr std::size_t kKeyframesForDepth = 3;  // after standing, until depths are known again
 constexpr double kLargestSpeed = 100.0;        // [m/s]
@@ -82,18 +80,14 @@ bool appendPredictedFrame(const FeatureFrame& frame, const ImuBuffer& imu, const
     *problem = text.str();
     return false;
   }
-  ImuNoise used = noise;
-  if (gap * noise.update_rate > 5.0) {
-    used.accelerometer_noise_density *= kGapNoiseFactor;
-    used.gyroscope_noise_density *= kGapNoiseFactor;
-  }
   FrameState state;
   state.id = graph->nextFrameId();
   state.stamp = frame.stamp;
   state.reference_td = toSeconds(end - frame.stamp);
   state.measured_angular_velocity = samples.back().angular_velocity;
   state.features = frame.features;
-  state.preintegration = std::make_shared<Preintegration>(std::move(samples), last.bias(), used);
+  state.preintegration =
+      std::make_shared<Preintegration>(std::move(samples), last.bias(), noise, gapNoiseFactor(gap, noise));
   const ImuIncrement& increment = state.preintegration->increment();
   const double dt = state.preintegration->duration();
   const Eigen::Vector3d g = graph->gravity_W();

@@ -12,6 +12,9 @@ using Eigen::Matrix3d;
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
+constexpr double kFewestMissing = 5.0;    // samples in a row that make a gap
+constexpr double kGapNoiseFactor = 20.0;  // motion between samples is not linear in time for that long
+
 // Integral of an angular velocity that is linear in time: Magnus expansion to fourth order.
 Vector3d rotationVector(const Vector3d& w_begin, const Vector3d& w_end, double dt) {
   return 0.5 * dt * (w_begin + w_end) + dt * dt / 12.0 * w_begin.cross(w_end);
@@ -19,14 +22,25 @@ Vector3d rotationVector(const Vector3d& w_begin, const Vector3d& w_end, double d
 
 }  // namespace
 
-Preintegration::Preintegration(std::vector<ImuSample> samples, const ImuBias& bias, const ImuNoise& noise)
-    : samples_(std::move(samples)) {
+double gapNoiseFactor(double gap, const ImuNoise& noise) {
+  return gap * noise.update_rate > kFewestMissing ? kGapNoiseFactor : 1.0;
+}
+
+Preintegration::Preintegration(std::vector<ImuSample> samples, const ImuBias& bias, const ImuNoise& noise,
+                               double noise_factor)
+    : samples_(std::move(samples)), noise_factor_(noise_factor) {
   repropagate(bias, noise);
 }
 
 void Preintegration::repropagate(const ImuBias& bias, const ImuNoise& noise) {
-  bias_ = bias;
   noise_ = noise;
+  noise_.accelerometer_noise_density *= noise_factor_;
+  noise_.gyroscope_noise_density *= noise_factor_;
+  repropagate(bias);
+}
+
+void Preintegration::repropagate(const ImuBias& bias) {
+  bias_ = bias;
   duration_ = 0.0;
   increment_ = ImuIncrement();
   covariance_.setZero();
@@ -114,7 +128,9 @@ Preintegration Preintegration::joined(const Preintegration& next) const {
       std::max(noise_.accelerometer_noise_density, next.noise_.accelerometer_noise_density);
   noise.gyroscope_noise_density =
       std::max(noise_.gyroscope_noise_density, next.noise_.gyroscope_noise_density);
-  return Preintegration(std::move(samples), bias_, noise);
+  Preintegration result(std::move(samples), bias_, noise);
+  result.noise_factor_ = std::max(noise_factor_, next.noise_factor_);
+  return result;
 }
 
 ImuIncrement Preintegration::corrected(const ImuBias& bias) const {

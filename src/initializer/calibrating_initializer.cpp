@@ -7,7 +7,6 @@
 namespace autocal_vio {
 namespace {
 
-constexpr double kLargestGap = 0.1;              // [s] without IMU samples, or the keyframes start anew
 constexpr std::size_t kFewestCommonTracks = 12;  // of neighbouring keyframes, or they start anew
 
 // Both in ascending order of track_id.
@@ -28,21 +27,22 @@ const char* priorContradicted(const ExtrinsicsPrior& prior) {
 
 }  // namespace
 
-std::string rotationPriorProblem(double angle, const ExtrinsicsPrior& prior, bool held) {
+std::string rotationPriorProblem(const PriorDeviation& off, const ExtrinsicsPrior& prior, bool held) {
   constexpr double kDegrees = 180.0 / 3.14159265358979323846;
   std::ostringstream text;
   text.precision(3);
-  text << priorContradicted(prior) << ": their rotation is " << angle * kDegrees
+  text << priorContradicted(prior) << ": their rotation is " << (off.at_least ? "at least " : "")
+       << off.size * kDegrees
        << " deg off what images and gyroscope say (sigma: " << prior.sigma_rotation * kDegrees
        << " deg); they are " << (held ? "held all the same" : "not used any more");
   return text.str();
 }
 
-std::string translationPriorProblem(double distance, const ExtrinsicsPrior& prior) {
+std::string translationPriorProblem(const PriorDeviation& off, const ExtrinsicsPrior& prior) {
   std::ostringstream text;
   text.precision(3);
-  text << priorContradicted(prior) << ": their translation is " << 100.0 * distance
-       << " cm off what images and IMU say (sigma: " << 100.0 * prior.sigma_translation
+  text << priorContradicted(prior) << ": their translation is " << (off.at_least ? "at least " : "")
+       << 100.0 * off.size << " cm off what images and IMU say (sigma: " << 100.0 * prior.sigma_translation
        << " cm); they are not used any more";
   return text.str();
 }
@@ -121,7 +121,8 @@ std::optional<InitializedProblem> CalibratingInitializer::addFrame(const Feature
   const std::string advice = "move with changing speed and direction, while turning";
   if (count < options_.min_keyframes) {
     explain("collecting keyframes for scale and gravity: " + std::to_string(count) + " of at least " +
-                std::to_string(options_.min_keyframes),
+                std::to_string(options_.min_keyframes) +
+                (chain_broken_.empty() ? "" : "; begun anew, since " + chain_broken_),
             advice);
   } else if (!was_known) {
     explain("the rotation is known, scale and gravity come next", advice);
@@ -140,14 +141,23 @@ void CalibratingInitializer::outdateAttempt() {
   if (running_) running_->obsolete = true;
 }
 
-void CalibratingInitializer::addKeyframe(const FeatureFrame& frame, const ImuBuffer& imu) {
+// Keyframes are a chain: each shares tracks with the one before, without a long gap in the IMU samples between.
+std::string CalibratingInitializer::whyChainBreaks(const FeatureFrame& frame, const ImuBuffer& imu) const {
+  if (keyframes_.empty()) return "";
   const TimeNs shift = fromSeconds(td());
-  // Keyframes are a chain: each shares tracks with the one before, without a gap in the IMU samples between.
-  const bool broken =
-      !keyframes_.empty() &&
-      (imu.largestGap(keyframes_.back().stamp + shift, frame.stamp + shift) > fromSeconds(kLargestGap) ||
-       countCommonTracks(keyframes_.back(), frame) < kFewestCommonTracks);
-  if (broken) {
+  const double gap = toSeconds(imu.largestGap(keyframes_.back().stamp + shift, frame.stamp + shift));
+  if (countCommonTracks(keyframes_.back(), frame) < kFewestCommonTracks) return "the tracks were lost";
+  if (!(gap > kLongestBridgedGap)) return "";
+  std::ostringstream text;
+  text.precision(2);
+  text << "the IMU was silent for " << gap << " s";
+  return text.str();
+}
+
+void CalibratingInitializer::addKeyframe(const FeatureFrame& frame, const ImuBuffer& imu) {
+  const std::string broken = whyChainBreaks(frame, imu);
+  if (!broken.empty()) {
+    chain_broken_ = broken;
     keyframes_.clear();
     first_solution_.reset();
     outdateAttempt();
@@ -158,10 +168,10 @@ void CalibratingInitializer::addKeyframe(const FeatureFrame& frame, const ImuBuf
 }
 
 void CalibratingInitializer::checkPrior() {
-  const std::optional<double>& angle = rotation_calibrator_.priorContradiction();
-  if (!prior_ || !angle) return;
+  const std::optional<PriorDeviation>& off = rotation_calibrator_.priorContradiction();
+  if (!prior_ || !off) return;
   const bool held = hold_rotation_ || hold_translation_;
-  const std::string problem = rotationPriorProblem(*angle, *prior_, held);
+  const std::string problem = rotationPriorProblem(*off, *prior_, held);
   if (held)
     prior_problem_ = problem;
   else
@@ -260,9 +270,9 @@ void CalibratingInitializer::conclude(const InitializationAttempt& attempt) {
   noise_factors_ = attempt.noiseFound().value_or(NoiseFactors());
   attempt_pause_ = options_.attempt_interval * attempt.patience();
   if (attempt.rotationContradiction())
-    dropPrior(rotationPriorProblem(*attempt.rotationContradiction(), *prior_, false));
+    dropPrior(rotationPriorProblem({*attempt.rotationContradiction(), false}, *prior_, false));
   else if (attempt.translationContradiction())
-    dropPrior(translationPriorProblem(*attempt.translationContradiction(), *prior_));
+    dropPrior(translationPriorProblem({*attempt.translationContradiction(), false}, *prior_));
   if (!status_.reason.empty() && prior_ && !status_.rotation.accepted) doubtPrior();
 }
 

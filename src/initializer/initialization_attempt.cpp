@@ -106,9 +106,12 @@ std::optional<InitializedProblem> InitializationAttempt::solve() {
 std::optional<InitializedProblem> InitializationAttempt::solveMotion() {
   misfit_ = false;
   noise_found_.reset();
-  if (!align()) return std::nullopt;
+  // Without a solution nothing fits; with one, judge() tells.
+  misfit_ = !align();
+  if (misfit_) return std::nullopt;
   InitializedProblem problem = buildProblem();
-  if (!refine(&problem) || !judge(problem)) return std::nullopt;
+  misfit_ = !refine(&problem);
+  if (misfit_ || !judge(problem)) return std::nullopt;
   return problem;
 }
 
@@ -119,7 +122,8 @@ std::optional<InitializedProblem> InitializationAttempt::solveDoubtingPrior(
   const AttemptFindings before = findings_;
   const std::optional<NoiseFactors> noise_before = noise_found_;
   const ExtrinsicsPrior prior = *input_.prior;
-  input_.prior->sigma_translation = std::max(prior.sigma_translation, kPriorSigmaTranslation);
+  input_.prior->T_imu_cam.translation.setZero();  // as from nothing
+  input_.prior->sigma_translation = kPriorSigmaTranslation;
   input_.prior->sigma_rotation = std::max(prior.sigma_rotation, kDoubtedSigmaRotation);
   const std::optional<InitializedProblem> problem = solveMotion();
   const bool fits_better =
@@ -168,10 +172,11 @@ bool InitializationAttempt::preintegrate() {
   const TimeNs shift = fromSeconds(input_.td);
   const ImuBias bias{input_.gyroscope_bias, Eigen::Vector3d::Zero()};
   for (std::size_t i = 1; i < input_.keyframes.size(); ++i) {
-    std::vector<ImuSample> samples =
-        input_.imu.slice(input_.keyframes[i - 1].stamp + shift, input_.keyframes[i].stamp + shift);
+    const TimeNs begin = input_.keyframes[i - 1].stamp + shift, end = input_.keyframes[i].stamp + shift;
+    std::vector<ImuSample> samples = input_.imu.slice(begin, end);
     if (samples.size() < 2) return fail("the IMU does not cover the keyframes", "");
-    preintegrations_.emplace_back(std::move(samples), bias, input_.noise);
+    const double gap = toSeconds(input_.imu.largestGap(begin, end));
+    preintegrations_.emplace_back(std::move(samples), bias, input_.noise, gapNoiseFactor(gap, input_.noise));
   }
   return true;
 }

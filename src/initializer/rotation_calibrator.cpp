@@ -29,7 +29,7 @@ constexpr std::size_t kStableSolutions = 3;
 constexpr double kUnknown = 104.0 * kDegree;  // per axis, of a rotation that may be any
 constexpr double kObservable = 2.0;           // times the limit of acceptance
 constexpr int kSolvesPerPriorCheck = 4;
-constexpr double kRotationContradictionSigmas = 5.0;
+constexpr double kPriorDeviationSigmas = 5.0;
 constexpr double kMemory = 60.0;  // [s] the bias walks: the older a pair is, the less it says of today's
 constexpr double kOneAxisFactor =
     2.0;  // rotation about one axis, over what a second one needs, to know that axis
@@ -298,7 +298,7 @@ void RotationCalibrator::compareWithPrior(const Quaterniond& R_BC, const Matrix3
   const Vector3d off = logSo3((prior.R_BC.conjugate() * R_BC).normalized());
   const Matrix3d expected = covariance + prior.sigma * prior.sigma * Matrix3d::Identity();
   const double sigmas = std::sqrt(off.dot(expected.inverse() * off));
-  if (sigmas > kRotationContradictionSigmas) prior_contradiction_ = off.norm();
+  if (sigmas > kPriorDeviationSigmas) prior_contradiction_ = PriorDeviation{off.norm(), false};
 }
 
 // Rotation about one axis leaves the turn about it open, but the prior has to map that axis of the camera to that of the
@@ -311,7 +311,8 @@ void RotationCalibrator::compareAxisWithPrior(const Quaterniond& R_BC, const Mat
   if (!(sigma <= options_.max_sigma_deg * kDegree)) return;
   const Vector3d prior_axis_B = prior.R_BC * (R_BC.conjugate() * axis_B);
   const double off = std::atan2(axis_B.cross(prior_axis_B).norm(), axis_B.dot(prior_axis_B));
-  if (off > kRotationContradictionSigmas * std::hypot(sigma, prior.sigma)) prior_contradiction_ = off;
+  if (off > kPriorDeviationSigmas * std::hypot(sigma, prior.sigma))
+    prior_contradiction_ = PriorDeviation{off, true};
 }
 
 bool RotationCalibrator::explainsResiduals(const RotationCalibration& solution) const {
@@ -365,7 +366,10 @@ void RotationCalibrator::judge(const RotationCalibration& solution) {
   } else if (worst > limit) {
     e.reason = withNumber("the rotation is known to %.2f deg only", worst / kDegree);
     e.motion_advice = rotationAdvice(excitation, std::numeric_limits<double>::infinity());
-  } else if (recent_.size() < kStableSolutions || spread > 3.0 * limit) {
+  } else if (recent_.size() < kStableSolutions) {
+    e.reason = "watching whether the rotation stays where it is";
+    e.motion_advice = "go on turning the rig about two axes";
+  } else if (spread > 3.0 * limit) {
     e.reason = withNumber("the last estimates still differ by %.2f deg", spread / kDegree);
     e.motion_advice = "go on turning the rig about two axes";
   } else {

@@ -26,6 +26,8 @@ constexpr double kUnknownSigma = 1e3;   // published where nothing is known
 constexpr double kSuspectSigmas = 2.0;  // of three axes from a prior, where something does not fit anyhow
 constexpr double kBlindRemark = 0.3;    // [s] without usable images before the reason says so
 
+constexpr int kTranslationHalf = 0, kRotationHalf = 3;  // where they begin in [p_BC, theta]
+
 // An error of the principal point turns the camera about its x and y axes.
 Matrix6d intrinsicsShare(const RigModel& rig, double focal_length) {
   Matrix6d result = Matrix6d::Zero();
@@ -136,31 +138,35 @@ EstimatorResult Session::catchUp(const std::vector<FeatureFrame>& frames, const 
 // noisy the IMU seems to be where it does not fit, no estimate leaves a right prior by many of its sigmas.
 void Session::checkPrior() {
   if (!prior_ || !prior_problem_.empty()) return;
-  const Eigen::Matrix<double, 6, 1>& of_data = record_.dataDeviation();
-  const Matrix6d covariance = record_.dataCovariance() + intrinsics_share_;
-  const Eigen::Vector2d off = sigmasFromPrior();
-  if (!hold_rotation_ && (off(1) > kContradictionSigmas ||
-                          contradicts(of_data, covariance, 3, prior_->sigma_rotation, kObservableRotation))) {
-    prior_problem_ = rotationPriorProblem(of_data.tail<3>().norm(), *prior_, false);
-  } else if (!hold_translation_ &&
-             (off(0) > kContradictionSigmas ||
-              contradicts(of_data, covariance, 0, prior_->sigma_translation, kObservableTranslation))) {
-    prior_problem_ = translationPriorProblem(of_data.head<3>().norm(), *prior_);
-  } else {
-    return;
-  }
+  const Strain rotation = strain(kRotationHalf), translation = strain(kTranslationHalf);
+  const bool rotation_wrong = !hold_rotation_ && rotation.sigmas() > kContradictionSigmas;
+  const bool translation_wrong = !hold_translation_ && translation.sigmas() > kContradictionSigmas;
+  if (!rotation_wrong && !translation_wrong) return;
+  if (rotation_wrong && !(translation_wrong && translation.sigmas() > rotation.sigmas()))
+    prior_problem_ = rotationPriorProblem(rotation.off, *prior_, false);
+  else
+    prior_problem_ = translationPriorProblem(translation.off, *prior_);
   estimator_->dropCalibrationPrior();
   record_.forgetSteps();  // those away from the prior
 }
 
-// How far the estimate is from what was given beforehand, [translation, rotation], in the prior's sigmas.
-Eigen::Vector2d Session::sigmasFromPrior() const {
-  const Eigen::Matrix<double, 6, 1> off =
-      deviationFrom(prior_->T_imu_cam, estimator_->graph().calibration().T_BC());
-  const Eigen::Array3d rotation =
-      intrinsics_share_.diagonal().tail<3>().array() + prior_->sigma_rotation * prior_->sigma_rotation;
-  return {off.head<3>().norm() / prior_->sigma_translation,
-          (off.tail<3>().array() / rotation.sqrt()).matrix().norm()};
+// How far half of the extrinsics is from what was given beforehand: as estimated, and as the data alone say.
+Session::Strain Session::strain(int first) const {
+  const bool rotation = first == kRotationHalf;
+  const double sigma = rotation ? prior_->sigma_rotation : prior_->sigma_translation;
+  const Matrix6d covariance = record_.dataCovariance() + intrinsics_share_;
+  const Eigen::Vector3d of_estimate =
+      deviationFrom(prior_->T_imu_cam, estimator_->graph().calibration().T_BC()).segment<3>(first);
+  const Eigen::Vector3d of_data = record_.dataDeviation().segment<3>(first);
+  const Eigen::Array3d variance = intrinsics_share_.diagonal().segment<3>(first).array() + sigma * sigma;
+  Strain strain;
+  strain.of_estimate = (of_estimate.array() / variance.sqrt()).matrix().norm();
+  strain.of_data = sigmasOff(of_data, covariance.block<3, 3>(first, first), sigma,
+                             rotation ? kObservableRotation : kObservableTranslation);
+  // The prior still holds the estimate back.
+  const bool by_data = strain.of_data > strain.of_estimate;
+  strain.off = {(by_data ? of_data : of_estimate).norm(), !by_data};
+  return strain;
 }
 
 // Images and IMU contradict each other: what was given beforehand, and has not been confirmed, is to blame where the estimate
@@ -169,23 +175,22 @@ void Session::blamePrior() {
   if (!prior_ || prior_->from_session || !prior_problem_.empty() ||
       record_.knowledge(CalibrationTrust::kConverged))
     return;
-  const Eigen::Vector2d off = sigmasFromPrior();
-  const Eigen::Matrix<double, 6, 1>& of_data = record_.dataDeviation();
-  if (!hold_rotation_ && off(1) > kSuspectSigmas && off(1) > off(0))
-    prior_problem_ = rotationPriorProblem(of_data.tail<3>().norm(), *prior_, false);
-  else if (!hold_translation_ && off(0) > kSuspectSigmas)
-    prior_problem_ = translationPriorProblem(of_data.head<3>().norm(), *prior_);
+  const Strain rotation = strain(kRotationHalf), translation = strain(kTranslationHalf);
+  if (!hold_rotation_ && rotation.of_estimate > kSuspectSigmas &&
+      rotation.of_estimate > translation.of_estimate)
+    prior_problem_ = rotationPriorProblem(rotation.off, *prior_, false);
+  else if (!hold_translation_ && translation.of_estimate > kSuspectSigmas)
+    prior_problem_ = translationPriorProblem(translation.off, *prior_);
 }
 
 // Before anything has converged a moved mount is one that is not where the user said that it was.
 void Session::noteMovedMount() {
   if (prior_ && !prior_->from_session && prior_problem_.empty() &&
       !record_.knowledge(CalibrationTrust::kConverged)) {
-    const Eigen::Matrix<double, 6, 1> off =
-        deviationFrom(prior_->T_imu_cam, estimator_->graph().calibration().T_BC());
-    const Eigen::Vector2d sigmas = sigmasFromPrior();
-    prior_problem_ = sigmas(1) > sigmas(0) ? rotationPriorProblem(off.tail<3>().norm(), *prior_, false)
-                                           : translationPriorProblem(off.head<3>().norm(), *prior_);
+    const Strain rotation = strain(kRotationHalf), translation = strain(kTranslationHalf);
+    prior_problem_ = rotation.of_estimate > translation.of_estimate
+                         ? rotationPriorProblem(rotation.off, *prior_, false)
+                         : translationPriorProblem(translation.off, *prior_);
   }
   prior_.reset();
   record_.noteMovedMount();

@@ -78,7 +78,7 @@ void readUrdfExtrinsics(ParameterReader* reader, VioParameters* parameters) {
   } else if (!parameters->imu_frame.empty() && !parameters->camera_frame.empty()) {
     collectProblems(reader, [&] {
       prior.T_imu_cam =
-          urdfTransform(*parameters->robot_description, parameters->imu_frame, parameters->camera_frame);
+          urdfExtrinsics(*parameters->robot_description, parameters->imu_frame, parameters->camera_frame);
       parameters->rig.extrinsics_prior = prior;
     });
   }

@@ -180,6 +180,34 @@ TEST(HeldCalibration, ATranslationThatTheDataContradictIsDroppedLoudly) {
   }
 }
 
+// Centimetres for metres, and the like: nothing fits such a lever arm, not even the first linear steps. The rotation is right
+// and must not be blamed.
+TEST(HeldCalibration, ATranslationThatIsFarOffIsNamedWithItsSize) {
+  const struct {
+    std::uint64_t seed;
+    double distance;
+  } cases[] = {{3, 0.5}, {6, 0.5}, {3, 0.3}, {5, 6.0}, {5, 9.5}};
+  for (const auto& c : cases) {
+    const Stream stream = eurocStream(c.seed, 20.0);
+    const RigModel rig = rigWithPrior(stream.data(), 0.0, c.distance);
+    const FaultRun run = runStream(stream, rig, VioOptions());
+    printStates(run);
+    const VioUpdate& last = run.last().update;
+    const std::string named = "WRONG: their translation is ", lower_bound = "at least ";
+    const std::size_t where = last.reason.find(named);
+    ASSERT_NE(where, std::string::npos) << c.seed << " " << c.distance << ": " << last.reason;
+    std::string size = last.reason.substr(where + named.size());
+    const bool at_least = size.compare(0, lower_bound.size(), lower_bound) == 0;
+    if (at_least) size.erase(0, lower_bound.size());
+    const double distance = 0.01 * std::stod(size);
+    EXPECT_LT(distance, 1.1 * c.distance + 0.02);
+    EXPECT_GT(distance, at_least ? 4.5 * 0.02 : 0.9 * c.distance - 0.02);
+    ASSERT_TRUE(run.firstFrom(0.0, true));
+    EXPECT_LT(run.firstFrom(0.0, true)->time, 8.0);
+    EXPECT_LT(translationError(last, stream.data()), 0.01);
+  }
+}
+
 // What was saved before the mount moved: its sigmas are those of a good calibration, and hold the estimate.
 TEST(HeldCalibration, ATightPriorThatTheDataContradictIsNeverConverged) {
   const double distances[] = {0.0, 0.03, 0.1, 0.2};

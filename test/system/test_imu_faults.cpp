@@ -76,6 +76,19 @@ TEST(ImuFaults, GapOfThreeTenthsIsBridged) {
   }
 }
 
+// A driver that drops a packet now and then must not keep the odometry from beginning.
+TEST(ImuFaults, ItBeginsInSpiteOfShortGaps) {
+  for (std::uint64_t seed = 1; seed <= 2; ++seed) {
+    Stream stream = eurocStream(seed, 20.0);
+    for (double t = 0.7; t < 20.0; t += 1.5) stream.removeImu(t, t + 0.12);
+    const FaultRun run = runStream(stream, stream.data().rig.rig, VioOptions());
+    printStates(run);
+    ASSERT_TRUE(run.firstFrom(0.0, true)) << run.last().update.reason;
+    EXPECT_LT(run.firstFrom(0.0, true)->time, 8.0);
+    expectCalibrated(run, stream.data(), 0.2, 0.02);
+  }
+}
+
 TEST(ImuFaults, GapOfASecondIsALossAndTheCalibrationIsKept) {
   for (std::uint64_t seed = 1; seed <= 2; ++seed) {
     Stream stream = eurocStream(seed, 24.0);

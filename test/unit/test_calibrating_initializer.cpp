@@ -3,9 +3,11 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <functional>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "autocal_vio/geometry/so3.h"
 #include "autocal_vio/sim/feature_simulator.h"
@@ -112,6 +114,35 @@ TEST(CalibratingInitializer, RotationAloneGivesTheRotationAndNoScale) {
   EXPECT_LT(data.rig.T_imu_cam.rotation.angularDistance(*initializer.rotation()), 0.5 * kDegree);
   EXPECT_GT(initializer.status().attempts, 0);
   EXPECT_FALSE(initializer.status().motion_advice.empty());
+}
+
+// An attempt takes as long as many images take to come; what comes meanwhile is handed over with the solution.
+TEST(CalibratingInitializer, ImagesGoOnWhileAnAttemptRuns) {
+  const FeatureDataset data = simulate(FeatureSimulationOptions::euroc(2), 60.0);
+  InitializerOptions options;
+  options.in_background = true;
+  CalibratingInitializer initializer = makeInitializer(data, std::nullopt, options);
+  const Result result = run(data, &initializer);
+  ASSERT_TRUE(result.problem);
+  const std::vector<FeatureFrame>& later = result.problem->later;
+  EXPECT_GT(later.size(), 5u);
+  EXPECT_EQ(toSeconds(later.back().stamp - data.frames.front().stamp), result.seconds);
+  for (std::size_t i = 1; i < later.size(); ++i) EXPECT_GT(later[i].stamp, later[i - 1].stamp);
+}
+
+TEST(CalibratingInitializer, AKeyframeAfterALongGapOfTheImuStartsAnewAndSaysWhy) {
+  FeatureDataset data = simulate(FeatureSimulationOptions::euroc(1), 4.0);
+  const TimeNs gap = data.frames[30].stamp;
+  data.imu.erase(
+      std::remove_if(data.imu.begin(), data.imu.end(),
+                     [&](const ImuSample& s) { return s.stamp > gap && s.stamp < gap + 700000000; }),
+      data.imu.end());
+  CalibratingInitializer initializer = makeInitializer(data, ExtrinsicsPrior{data.rig.T_imu_cam, 0.01, 0.01});
+  bool named = false;
+  run(data, &initializer, [&](double) {
+    named = named || contains(initializer.status().reason, "begun anew, since the IMU was silent for 0.7");
+  });
+  EXPECT_TRUE(named) << initializer.status().reason;
 }
 
 TEST(CalibratingInitializer, KeyframesThatShareNoTracksStartAnew) {

@@ -348,5 +348,28 @@ TEST(PreintegrationCovariance, IsPositiveDefiniteAfterASingleStep) {
   }
 }
 
+// The noise of a bridged gap stays, whatever the noise is found to be, and with the interval that it becomes a part of.
+TEST(Preintegration, AGapsNoiseStaysWithItsInterval) {
+  ImuNoise noise;
+  EXPECT_EQ(gapNoiseFactor(0.02, noise), 1.0);
+  const double factor = gapNoiseFactor(0.1, noise);
+  EXPECT_GT(factor, 10.0);
+  const std::vector<ImuSample> first{{0, {}, {}}, {50000000, {}, {}}},
+      second{{50000000, {}, {}}, {100000000, {}, {}}};
+  Preintegration bridged(second, ImuBias(), noise, factor);
+  const Matrix15d before = bridged.covariance();
+  const Preintegration plain(second, ImuBias(), noise);
+  EXPECT_NEAR(before(kVelocity, kVelocity) / plain.covariance()(kVelocity, kVelocity), factor * factor, 1e-6);
+  bridged.repropagate(ImuBias());
+  EXPECT_TRUE(bridged.covariance() == before);
+  bridged.repropagate(ImuBias(), noise);
+  EXPECT_TRUE(bridged.covariance() == before);
+  Preintegration joined = Preintegration(first, ImuBias(), noise).joined(bridged);
+  const double sigma = joined.covariance()(kVelocity, kVelocity);
+  EXPECT_GT(sigma, before(kVelocity, kVelocity));
+  joined.repropagate(ImuBias(), noise);
+  EXPECT_NEAR(joined.covariance()(kVelocity, kVelocity), sigma, 1e-12);
+}
+
 }  // namespace
 }  // namespace autocal_vio

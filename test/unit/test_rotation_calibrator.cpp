@@ -291,12 +291,13 @@ TEST(RotationCalibrator, OneAxisContradictsAPriorThatHasItElsewhere) {
     EXPECT_FALSE(contradiction(Vector3d::Zero(), kDegree));
     EXPECT_FALSE(contradiction(2.0 * kDegree * across, kDegree)) << "two of its sigmas";
     EXPECT_FALSE(contradiction(90.0 * kDegree * along, kDegree)) << "nobody can know";
-    const std::optional<double> tilted = contradiction(20.0 * kDegree * across, kDegree);
+    const std::optional<PriorDeviation> tilted = contradiction(20.0 * kDegree * across, kDegree);
     ASSERT_TRUE(tilted);
-    EXPECT_NEAR(*tilted, 20.0 * kDegree, 1.0 * kDegree);
-    const std::optional<double> reversed = contradiction(180.0 * kDegree * across, 5.0 * kDegree);
+    EXPECT_TRUE(tilted->at_least);
+    EXPECT_NEAR(tilted->size, 20.0 * kDegree, 1.0 * kDegree);
+    const std::optional<PriorDeviation> reversed = contradiction(180.0 * kDegree * across, 5.0 * kDegree);
     ASSERT_TRUE(reversed);
-    EXPECT_GT(*reversed, 178.0 * kDegree);
+    EXPECT_GT(reversed->size, 178.0 * kDegree);
   }
 }
 

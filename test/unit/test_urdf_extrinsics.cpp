@@ -67,6 +67,17 @@ TEST(UrdfExtrinsics, RefusesAMovableJointByName) {
   EXPECT_NE(reason.find("joint shoulder between imu and hand is revolute"), std::string::npos) << reason;
 }
 
+TEST(UrdfExtrinsics, RefusesOriginsInMillimetres) {
+  std::string robot = kRobot;
+  const std::string in_metres = "xyz=\"0.2 0 0\"";
+  robot.replace(robot.find(in_metres), in_metres.size(), "xyz=\"200 0 0\"");
+  const TemporaryFolder folder;
+  const std::string reason = reasonOf(folder.write("robot.urdf", robot), "imu", "optical");
+  EXPECT_NE(reason.find("optical is 200.00"), std::string::npos) << reason;
+  EXPECT_NE(reason.find("millimetres"), std::string::npos) << reason;
+  EXPECT_NO_THROW(urdfTransform({robot, "robot"}, "imu", "optical"));  // a base may be anywhere
+}
+
 TEST(UrdfExtrinsics, NamesWhatIsMissing) {
   const TemporaryFolder folder;
   const std::string path = folder.write("robot.urdf", kRobot);

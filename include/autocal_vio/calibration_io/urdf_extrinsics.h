@@ -23,7 +23,10 @@ bool urdfHasLink(const UrdfText& urdf, const std::string& link);
 /// LoadProblems where the description is not valid, a link is missing, or a joint on the way can move (it is named).
 Transform urdfTransform(const UrdfText& urdf, const std::string& from_link, const std::string& to_link);
 
-/// T_imu_cam of a URDF file: readUrdfFile and urdfTransform.
+/// T_imu_cam: urdfTransform, and LoadProblems also for a lever arm longer than kMaxLeverArm (millimetres, most likely).
+Transform urdfExtrinsics(const UrdfText& urdf, const std::string& imu_link, const std::string& camera_link);
+
+/// T_imu_cam of a URDF file: readUrdfFile and urdfExtrinsics.
 Transform loadUrdfExtrinsics(const std::string& path, const std::string& imu_link,
                              const std::string& camera_link);
 

@@ -26,10 +26,10 @@ struct InitializerStatus : AttemptFindings {
   int attempts = 0;             ///< at scale and gravity
 };
 
-/// Says loudly that the rotation of a prior is `angle` [rad] off; `held`: it is used nevertheless.
-std::string rotationPriorProblem(double angle, const ExtrinsicsPrior& prior, bool held);
-/// Says loudly that the translation of a prior is `distance` off [m].
-std::string translationPriorProblem(double distance, const ExtrinsicsPrior& prior);
+/// Says loudly how far the rotation of a prior is off; `held`: it is used nevertheless.
+std::string rotationPriorProblem(const PriorDeviation& off, const ExtrinsicsPrior& prior, bool held);
+/// The same of its translation.
+std::string translationPriorProblem(const PriorDeviation& off, const ExtrinsicsPrior& prior);
 
 class CalibratingInitializer {
  public:
@@ -82,6 +82,7 @@ class CalibratingInitializer {
   void checkPrior();
   void dropPrior(const std::string& problem);
   bool isKeyframe(const FeatureFrame& frame) const;
+  std::string whyChainBreaks(const FeatureFrame& frame, const ImuBuffer& imu) const;
   void addKeyframe(const FeatureFrame& frame, const ImuBuffer& imu);
   bool attemptDue(const FeatureFrame& frame) const;
   double maxSigmaScale() const;
@@ -102,6 +103,7 @@ class CalibratingInitializer {
   GraphOptions graph_options_;
   RotationCalibrator rotation_calibrator_;
   std::deque<FeatureFrame> keyframes_;
+  std::string chain_broken_;  ///< why the keyframes had to begin anew, the last time; empty: never
   bool hold_rotation_ = false, hold_translation_ = false;
   std::optional<double> held_td_;
   std::string prior_problem_;

@@ -53,10 +53,10 @@ class RotationCalibrator {
   /// A rotation known beforehand with sigma [rad] per axis: estimates start from it and are held to it.
   void setRotationPrior(const Eigen::Quaterniond& R_BC, double sigma);
 
-  /// Angle [rad] between the prior and what images and gyroscope say without it, once the prior is beyond five sigmas
+  /// The angle between the prior and what images and gyroscope say without it, once the prior is beyond five sigmas
   /// from what they determine on their own: the rotation, or the direction of the one axis that the rig has turned about.
   /// Nothing as long as they agree.
-  const std::optional<double>& priorContradiction() const { return prior_contradiction_; }
+  const std::optional<PriorDeviation>& priorContradiction() const { return prior_contradiction_; }
 
   /// True once images and gyroscope have determined the rotation without the prior, so that it could be compared.
   bool priorChecked() const { return prior_checked_; }
@@ -96,7 +96,7 @@ class RotationCalibrator {
   std::optional<RotationState> previous_;
   std::optional<TimeNs> last_pair_;  // end of the last pair
   std::optional<TimeNs> last_solve_;
-  std::optional<double> prior_contradiction_;
+  std::optional<PriorDeviation> prior_contradiction_;
   bool prior_checked_ = false;
   int solves_ = 0;
   int refused_pairs_ = 0;     // in a row

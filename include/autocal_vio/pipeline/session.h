@@ -1,6 +1,7 @@
 // One run of calibration and estimation, from nothing or a prior until it is lost or reset.
 #pragma once
 
+#include <algorithm>
 #include <memory>
 #include <optional>
 #include <set>
@@ -55,13 +56,21 @@ class Session {
   const std::optional<Transform>& lastPose() const { return last_pose_; }
 
  private:
+  /// From what was given beforehand, of three axes together.
+  struct Strain {
+    double of_estimate = 0.0, of_data = 0.0;  ///< [sigmas]
+    PriorDeviation off;                       ///< by the one with more sigmas
+
+    double sigmas() const { return std::max(of_estimate, of_data); }
+  };
+
   bool initialize(const FeatureFrame& frame, const ImuBuffer& imu, VioUpdate* update);
   EstimatorResult advance(const FeatureFrame& frame, const ImuBuffer& imu);
   EstimatorResult catchUp(const std::vector<FeatureFrame>& frames, const ImuBuffer& imu);
   void startEstimator(InitializedProblem problem, TimeNs stamp);
   void continueFromLastPose();
   void checkPrior();
-  Eigen::Vector2d sigmasFromPrior() const;
+  Strain strain(int first) const;
   void blamePrior();
   void noteMovedMount();
   void lose(const EstimatorResult& result, VioUpdate* update);

@@ -11,12 +11,21 @@
 
 namespace autocal_vio {
 
+/// Longest distance between camera and IMU that is believed [m]; more is a mistake, of units most likely.
+constexpr double kMaxLeverArm = 10.0;
+
 /// Camera-IMU calibration known beforehand, with its uncertainty.
 struct ExtrinsicsPrior {
   Transform T_imu_cam;              ///< pose of the camera in the IMU frame: R_BC, p_BC
   double sigma_rotation = 0.02;     ///< [rad], per axis
   double sigma_translation = 0.02;  ///< [m], per axis
   bool from_session = false;        ///< own estimate of before a restart, not the user's word
+};
+
+/// How far off half of a prior is.
+struct PriorDeviation {
+  double size = 0.0;      ///< [rad] or [m]
+  bool at_least = false;  ///< it may be more
 };
 
 /// Time offset known beforehand: t_imu = t_cam + td.
