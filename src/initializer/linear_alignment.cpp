@@ -326,7 +326,7 @@ Alignment refineWithAccelerometerBias(const AlignmentInput& input, const Approxi
   double step = std::numeric_limits<double>::infinity();
   for (result.iterations = 0; step > options.step_tolerance; ++result.iterations) {
     if (result.iterations == options.max_iterations) {
-      result.failure = "the refinement of gravity and accelerometer bias did not converge";
+      result.failure = "the motion does not tell gravity and accelerometer bias apart yet";
       return result;
     }
     if (!refineOnce(input, options, pose_covariance, &state, &step, &result)) return result;
