@@ -231,6 +231,11 @@ void SlidingWindowEstimator::dropCalibrationPrior() {
   noise_.forgetEvidence();
 }
 
+void SlidingWindowEstimator::dropTimeOffsetPrior() {
+  graph_.dropTimeOffsetPrior();
+  noise_.forgetEvidence();
+}
+
 void SlidingWindowEstimator::reopenExtrinsics() {
   reopenExtrinsicsAt(graph_.calibration().T_BC(), kBumpTranslation, kBumpRotation);
 }

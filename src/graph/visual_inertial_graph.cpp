@@ -67,6 +67,10 @@ void VisualInertialGraph::dropExtrinsicsPrior() {
   calibration_prior_.sigma_rotation = weakest.sigma_rotation;
 }
 
+void VisualInertialGraph::dropTimeOffsetPrior() {
+  calibration_prior_.sigma_td = CalibrationPrior().sigma_td;
+}
+
 void VisualInertialGraph::addFrame(FrameState frame) {
   next_frame_id_ = std::max(next_frame_id_, frame.id + 1);
   landmarks_.addObservations(frame);

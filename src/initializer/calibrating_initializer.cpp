@@ -47,6 +47,17 @@ std::string translationPriorProblem(const PriorDeviation& off, const ExtrinsicsP
   return text.str();
 }
 
+std::string timeOffsetPriorProblem(const PriorDeviation& off, const TimeOffsetPrior& prior) {
+  std::ostringstream text;
+  text.precision(3);
+  text << (prior.from_session ? "the time offset of before the restart holds no longer"
+                              : "the time offset given beforehand is WRONG")
+       << ": it is " << (off.at_least ? "at least " : "") << 1e3 * off.size
+       << " ms off what images and IMU say (sigma: " << 1e3 * prior.sigma_td
+       << " ms); it is not used any more";
+  return text.str();
+}
+
 CalibratingInitializer::CalibratingInitializer(double focal_length, const ImuNoise& noise,
                                                const std::optional<ExtrinsicsPrior>& prior,
                                                const TimeOffsetPrior& time_offset,
@@ -110,6 +121,7 @@ std::optional<InitializedProblem> CalibratingInitializer::addFrame(const Feature
   background_ms_ = 0.0;
   rotation_calibrator_.addFrame(frame, imu);
   checkPrior();
+  checkTimeOffsetPrior();
   status_.rotation = rotation_calibrator_.estimate();
   status_.rotation_known = rotation().has_value();
   if (isKeyframe(frame)) addKeyframe(frame, imu);
@@ -176,6 +188,15 @@ void CalibratingInitializer::checkPrior() {
     prior_problem_ = problem;
   else
     dropPrior(problem);
+}
+
+void CalibratingInitializer::checkTimeOffsetPrior() {
+  const std::optional<double>& off = rotation_calibrator_.timeOffsetContradiction();
+  if (!off || held_td_) return;
+  time_offset_problem_ = timeOffsetPriorProblem({*off, false}, time_offset_prior_);
+  time_offset_prior_.sigma_td = TimeOffsetPrior().sigma_td;
+  rotation_calibrator_.dropTimeOffsetPrior();
+  outdateAttempt();
 }
 
 // Whoever is wrong about the rotation is not to be trusted with the translation, and the other way round.

@@ -29,7 +29,10 @@ constexpr std::size_t kStableSolutions = 3;
 constexpr double kUnknown = 104.0 * kDegree;  // per axis, of a rotation that may be any
 constexpr double kObservable = 2.0;           // times the limit of acceptance
 constexpr int kSolvesPerPriorCheck = 4;
-constexpr double kPriorDeviationSigmas = 5.0;
+constexpr double kRotationContradictionSigmas = 5.0;
+constexpr double kTdContradictionSigmas = 5.0;
+constexpr double kTdFloor = 0.001;         // [s] of what rotations say of it: their noise is correlated
+constexpr double kSigmaOfGivenTd = 0.015;  // [s] less than that somebody has looked at the stamps
 constexpr double kMemory = 60.0;  // [s] the bias walks: the older a pair is, the less it says of today's
 constexpr double kOneAxisFactor =
     2.0;  // rotation about one axis, over what a second one needs, to know that axis
@@ -111,6 +114,15 @@ void RotationCalibrator::dropRotationPrior() {
   previous_.reset();
   recent_.clear();
   forgetEstimate();
+  solve();
+}
+
+void RotationCalibrator::dropTimeOffsetPrior() {
+  refinement_.sigma_td = TimeOffsetPrior().sigma_td;
+  td_contradiction_.reset();
+  if (previous_ && !refinement_.rotation_prior) previous_.reset();
+  recent_.clear();
+  if (!refinement_.rotation_prior) forgetEstimate();
   solve();
 }
 
@@ -262,7 +274,8 @@ void RotationCalibrator::solve() {
                        std::to_string(options_.min_pairs);
     return;
   }
-  if (refinement_.rotation_prior && ++solves_ % kSolvesPerPriorCheck == 0) checkPrior();
+  if ((refinement_.rotation_prior || isTimeOffsetGiven()) && ++solves_ % kSolvesPerPriorCheck == 0)
+    checkPriors();
   // A fresh start finds the way out of a wrong solution; a good one does not need it.
   const bool afresh = !refinement_.rotation_prior && estimate_.sigma.maxCoeff() > kSettled;
   const auto solution = calibrateRotation(previous_, afresh, refinement_, &pairs_);
@@ -274,16 +287,31 @@ void RotationCalibrator::solve() {
   judge(*solution);
 }
 
-void RotationCalibrator::checkPrior() {
-  RotationRefinementOptions without_prior = refinement_;
-  without_prior.rotation_prior.reset();
+bool RotationCalibrator::isTimeOffsetGiven() const {
+  return refinement_.sigma_td < kSigmaOfGivenTd;
+}
+
+void RotationCalibrator::checkPriors() {
+  RotationRefinementOptions without_priors = refinement_;
+  without_priors.rotation_prior.reset();
+  if (isTimeOffsetGiven()) without_priors.sigma_td = TimeOffsetPrior().sigma_td;
   std::vector<RotationPair> pairs = pairs_;
-  const auto solution = calibrateRotation(std::nullopt, true, without_prior, &pairs);
+  const auto solution = calibrateRotation(std::nullopt, true, without_priors, &pairs);
   if (!solution || !explainsResiduals(*solution)) return;
   const RotationExcitation excitation = rotationExcitation(pairs, solution->state.gyroscope_bias);
+  if (refinement_.rotation_prior) checkRotationPrior(*solution, excitation);
+  td_contradiction_.reset();
+  if (!isTimeOffsetGiven() || excitation.principal(0) < options_.min_second_axis_deg * kDegree) return;
+  const double off = std::abs(solution->state.td - refinement_.td);
+  const double sigma = std::sqrt(solution->covariance(6, 6) + kTdFloor * kTdFloor);
+  if (off > kTdContradictionSigmas * std::hypot(sigma, refinement_.sigma_td)) td_contradiction_ = off;
+}
+
+void RotationCalibrator::checkRotationPrior(const RotationCalibration& solution,
+                                            const RotationExcitation& excitation) {
   const double enough = options_.min_second_axis_deg * kDegree, limit = options_.max_sigma_deg * kDegree;
-  const Quaterniond& R_BC = solution->state.R_BC;
-  const Matrix3d covariance = flooredCovariance(*solution);
+  const Quaterniond& R_BC = solution.state.R_BC;
+  const Matrix3d covariance = flooredCovariance(solution);
   prior_contradiction_.reset();
   if (excitation.principal(1) >= enough && largestSigma(covariance) <= limit) {
     prior_checked_ = true;
@@ -298,7 +326,7 @@ void RotationCalibrator::compareWithPrior(const Quaterniond& R_BC, const Matrix3
   const Vector3d off = logSo3((prior.R_BC.conjugate() * R_BC).normalized());
   const Matrix3d expected = covariance + prior.sigma * prior.sigma * Matrix3d::Identity();
   const double sigmas = std::sqrt(off.dot(expected.inverse() * off));
-  if (sigmas > kPriorDeviationSigmas) prior_contradiction_ = PriorDeviation{off.norm(), false};
+  if (sigmas > kRotationContradictionSigmas) prior_contradiction_ = PriorDeviation{off.norm(), false};
 }
 
 // Rotation about one axis leaves the turn about it open, but the prior has to map that axis of the camera to that of the
@@ -311,7 +339,7 @@ void RotationCalibrator::compareAxisWithPrior(const Quaterniond& R_BC, const Mat
   if (!(sigma <= options_.max_sigma_deg * kDegree)) return;
   const Vector3d prior_axis_B = prior.R_BC * (R_BC.conjugate() * axis_B);
   const double off = std::atan2(axis_B.cross(prior_axis_B).norm(), axis_B.dot(prior_axis_B));
-  if (off > kPriorDeviationSigmas * std::hypot(sigma, prior.sigma))
+  if (off > kRotationContradictionSigmas * std::hypot(sigma, prior.sigma))
     prior_contradiction_ = PriorDeviation{off, true};
 }
 

@@ -130,7 +130,7 @@ void CalibrationRecord::remember(const SlidingWindowEstimator& estimator) {
   knowledge.extrinsics.T_imu_cam = estimator.graph().calibration().T_BC();
   knowledge.extrinsics.sigma_translation = std::max(kMinSigmaTranslation, sigma.head<3>().maxCoeff());
   knowledge.extrinsics.sigma_rotation = std::max(kMinSigmaRotation, sigma.tail<3>().maxCoeff());
-  knowledge.time_offset = {estimator.graph().calibration().td, std::max(kMinSigmaTd, sigma_td_)};
+  knowledge.time_offset = {estimator.graph().calibration().td, std::max(kMinSigmaTd, sigma_td_), true};
   current_ = knowledge;
 }
 

@@ -52,7 +52,8 @@ Session::Session(double focal_length, const RigModel& rig, const VioOptions& opt
       last_pose_(start_pose),
       intrinsics_share_(intrinsicsShare(rig, focal_length)),
       prior_(rig.extrinsics_prior),
-      given_(prior_ && !prior_->from_session) {
+      given_(prior_ && !prior_->from_session),
+      time_offset_prior_(rig.time_offset_prior) {
   initializer_ = std::make_unique<CalibratingInitializer>(
       focal_length, rig.imu_noise, rig.extrinsics_prior, rig.time_offset_prior, options.initializer,
       options.rotation_calibrator, graphOptions(options.estimator));
@@ -85,6 +86,7 @@ EstimatorResult Session::advance(const FeatureFrame& frame, const ImuBuffer& imu
   record_.add(*estimator_, result.keyframe_finished, frame.stamp);
   if (result.keyframe_finished) {
     checkPrior();
+    checkTimeOffsetPrior();
     record_.judge(*estimator_, frame.stamp);
   }
   return result;
@@ -102,6 +104,7 @@ bool Session::initialize(const FeatureFrame& frame, const ImuBuffer& imu, VioUpd
   const StageClock clock;
   std::optional<InitializedProblem> problem = initializer_->addFrame(frame, imu);
   prior_problem_ = initializer_->priorProblem();
+  time_offset_problem_ = initializer_->timeOffsetProblem();
   EstimatorResult result;
   if (problem) {
     const std::vector<FeatureFrame> later = std::move(problem->later);
@@ -148,6 +151,15 @@ void Session::checkPrior() {
     prior_problem_ = translationPriorProblem(translation.off, *prior_);
   estimator_->dropCalibrationPrior();
   record_.forgetSteps();  // those away from the prior
+}
+
+// As of the extrinsics; only somebody's word has so small a sigma that an estimate could leave it by many of them.
+void Session::checkTimeOffsetPrior() {
+  if (hold_td_ || !time_offset_problem_.empty()) return;
+  const double off = std::abs(estimator_->graph().calibration().td - time_offset_prior_.td);
+  if (!(off > kContradictionSigmas * time_offset_prior_.sigma_td)) return;
+  time_offset_problem_ = timeOffsetPriorProblem({off, true}, time_offset_prior_);
+  estimator_->dropTimeOffsetPrior();
 }
 
 // How far half of the extrinsics is from what was given beforehand: as estimated, and as the data alone say.

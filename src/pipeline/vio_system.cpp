@@ -178,6 +178,7 @@ class VioSystem::Impl {
     const bool sound = session_->process(frame, sync_.imu(), &update_);
     if (const std::set<std::int64_t>* wandering = session_->wanderingTracks()) tracker_.drop(*wandering);
     if (!options_.fix_extrinsics) doubtPriors();
+    doubtTimeOffset();
     if (!sound) {
       ++counters_.resets;
       const RigModel rig = rigWithCalibration();
@@ -211,12 +212,26 @@ class VioSystem::Impl {
     }
   }
 
+  // The same of the time offset.
+  void doubtTimeOffset() {
+    const std::string& problem = session_->timeOffsetProblem();
+    if (problem.empty()) return;
+    if (!session_rig_.time_offset_prior.from_session) given_td_problem_ = problem;
+    for (RigModel* rig : {&rig_, &session_rig_})
+      if (rig->time_offset_prior.from_session == session_rig_.time_offset_prior.from_session)
+        rig->time_offset_prior.sigma_td = TimeOffsetPrior().sigma_td;
+  }
+
   // The user has to mend the file: that is said for as long as the process runs.
   void remark() {
     if (!session_->priorProblem().empty())
       update_.reason = session_->priorProblem() + "; " + update_.reason;
     else if (!given_problem_.empty())
       update_.reason = given_problem_ + "; " + update_.reason;
+    if (!session_->timeOffsetProblem().empty())
+      update_.reason = session_->timeOffsetProblem() + "; " + update_.reason;
+    else if (!given_td_problem_.empty())
+      update_.reason = given_td_problem_ + "; " + update_.reason;
   }
 
   FeatureFrame track(const PendingFrame& pending) {
@@ -254,7 +269,8 @@ class VioSystem::Impl {
   std::optional<TimeNs> last_processed_;
   std::vector<std::pair<std::int64_t, int>> ages_;  ///< of the tracks in the last image, by ascending id
   std::string lost_because_;
-  std::string given_problem_;  ///< what was wrong with the extrinsics that the user gave, in words
+  std::string given_problem_;     ///< what was wrong with the extrinsics that the user gave, in words
+  std::string given_td_problem_;  ///< and with the time offset
   VioCounters counters_;
   VioUpdate update_;
 };

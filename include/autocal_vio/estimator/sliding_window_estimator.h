@@ -44,6 +44,8 @@ class SlidingWindowEstimator {
 
   /// Goes on without the prior on the extrinsics.
   void dropCalibrationPrior();
+  /// The same of the time offset.
+  void dropTimeOffsetPrior();
 
   /// The camera sits elsewhere on its mount than the extrinsics say, by the size of a bump: they start anew from what
   /// they are.

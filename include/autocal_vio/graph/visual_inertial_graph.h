@@ -47,6 +47,8 @@ class VisualInertialGraph {
 
   /// Makes the prior on the extrinsics so weak that it says nothing.
   void dropExtrinsicsPrior();
+  /// The same of the time offset.
+  void dropTimeOffsetPrior();
 
   /// Appends a frame; all but the first need `preintegration` from the frame before.
   void addFrame(FrameState frame);

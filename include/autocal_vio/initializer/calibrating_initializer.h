@@ -30,6 +30,8 @@ struct InitializerStatus : AttemptFindings {
 std::string rotationPriorProblem(const PriorDeviation& off, const ExtrinsicsPrior& prior, bool held);
 /// The same of its translation.
 std::string translationPriorProblem(const PriorDeviation& off, const ExtrinsicsPrior& prior);
+/// The same of a time offset.
+std::string timeOffsetPriorProblem(const PriorDeviation& off, const TimeOffsetPrior& prior);
 
 class CalibratingInitializer {
  public:
@@ -50,6 +52,8 @@ class CalibratingInitializer {
   /// What is wrong with the extrinsics given as a prior, in words; empty as long as nothing speaks against them. A prior
   /// that is contradicted is dropped, unless it is held.
   const std::string& priorProblem() const { return prior_problem_; }
+  /// The same of the time offset.
+  const std::string& timeOffsetProblem() const { return time_offset_problem_; }
 
   /// After the initialisation, while the rotation is held: goes on comparing it with images and gyroscope until these
   /// have determined it once.
@@ -80,6 +84,7 @@ class CalibratingInitializer {
   };
 
   void checkPrior();
+  void checkTimeOffsetPrior();
   void dropPrior(const std::string& problem);
   bool isKeyframe(const FeatureFrame& frame) const;
   std::string whyChainBreaks(const FeatureFrame& frame, const ImuBuffer& imu) const;
@@ -106,7 +111,7 @@ class CalibratingInitializer {
   std::string chain_broken_;  ///< why the keyframes had to begin anew, the last time; empty: never
   bool hold_rotation_ = false, hold_translation_ = false;
   std::optional<double> held_td_;
-  std::string prior_problem_;
+  std::string prior_problem_, time_offset_problem_;
   TimeNs last_attempt_ = 0;
   double attempt_pause_ = 0.0;  ///< before the next attempt [s]
   std::optional<TimeNs>

@@ -13,6 +13,7 @@
 #include "autocal_vio/imu/imu_buffer.h"
 #include "autocal_vio/initializer/hand_eye.h"
 #include "autocal_vio/initializer/rotation_calibrator_options.h"
+#include "autocal_vio/initializer/rotation_excitation.h"
 #include "autocal_vio/initializer/rotation_refinement.h"
 #include "autocal_vio/rig/rig_model.h"
 
@@ -64,6 +65,13 @@ class RotationCalibrator {
   /// Goes on without the prior.
   void dropRotationPrior();
 
+  /// How far [s] a time offset given with a small sigma is from what images and gyroscope say without it, once that is
+  /// beyond five sigmas; nothing as long as they agree.
+  const std::optional<double>& timeOffsetContradiction() const { return td_contradiction_; }
+
+  /// Goes on as if nobody had looked at the stamps.
+  void dropTimeOffsetPrior();
+
   /// Adds the tracks of one image, in order of time. `imu` should reach some 0.6 s back.
   void addFrame(const FeatureFrame& frame, const ImuBuffer& imu);
 
@@ -77,7 +85,9 @@ class RotationCalibrator {
   void dropLeastInformative();
   void solve();
   void judge(const RotationCalibration& solution);
-  void checkPrior();
+  bool isTimeOffsetGiven() const;
+  void checkPriors();
+  void checkRotationPrior(const RotationCalibration& solution, const RotationExcitation& excitation);
   void compareWithPrior(const Eigen::Quaterniond& R_BC, const Eigen::Matrix3d& covariance);
   void compareAxisWithPrior(const Eigen::Quaterniond& R_BC, const Eigen::Matrix3d& covariance,
                             const Eigen::Vector3d& axis_B);
@@ -97,6 +107,7 @@ class RotationCalibrator {
   std::optional<TimeNs> last_pair_;  // end of the last pair
   std::optional<TimeNs> last_solve_;
   std::optional<PriorDeviation> prior_contradiction_;
+  std::optional<double> td_contradiction_;
   bool prior_checked_ = false;
   int solves_ = 0;
   int refused_pairs_ = 0;     // in a row

@@ -40,6 +40,8 @@ class Session {
   std::optional<CalibrationKnowledge> knowledge() const { return record_.knowledge(calibration_trust_); }
   /// What the data have found wrong with the extrinsics that the session began with, in words; empty: nothing.
   const std::string& priorProblem() const { return prior_problem_; }
+  /// The same of the time offset that it began with, which is not used any more then.
+  const std::string& timeOffsetProblem() const { return time_offset_problem_; }
   /// True once they are no longer used for it.
   bool priorContradicted() const { return !prior_problem_.empty() && !hold_rotation_ && !hold_translation_; }
   /// True where they were the user's, not those of a session before.
@@ -70,6 +72,7 @@ class Session {
   void startEstimator(InitializedProblem problem, TimeNs stamp);
   void continueFromLastPose();
   void checkPrior();
+  void checkTimeOffsetPrior();
   Strain strain(int first) const;
   void blamePrior();
   void noteMovedMount();
@@ -95,6 +98,8 @@ class Session {
   std::optional<ExtrinsicsPrior> prior_;  ///< as given
   bool given_;                            ///< it is the user's word
   std::string prior_problem_;             ///< what is wrong with it, in words
+  TimeOffsetPrior time_offset_prior_;     ///< as given
+  std::string time_offset_problem_;       ///< what is wrong with it, in words
   bool hold_rotation_ = false, hold_translation_ = false, hold_td_ = false;
 };
 

@@ -22,16 +22,17 @@ struct ExtrinsicsPrior {
   bool from_session = false;        ///< own estimate of before a restart, not the user's word
 };
 
-/// How far off half of a prior is.
+/// How far off a rotation, translation or time offset given beforehand is.
 struct PriorDeviation {
-  double size = 0.0;      ///< [rad] or [m]
+  double size = 0.0;      ///< [rad], [m] or [s]
   bool at_least = false;  ///< it may be more
 };
 
 /// Time offset known beforehand: t_imu = t_cam + td.
 struct TimeOffsetPrior {
-  double td = 0.0;         ///< [s]
-  double sigma_td = 0.03;  ///< [s] of stamps that nobody has looked at
+  double td = 0.0;            ///< [s]
+  double sigma_td = 0.03;     ///< [s] of stamps that nobody has looked at
+  bool from_session = false;  ///< own estimate of before a restart, not the user's word
 };
 
 struct RigModel {
