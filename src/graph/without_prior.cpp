@@ -48,6 +48,17 @@ double sigmasOff(const Eigen::Vector3d& deviation, const Eigen::Matrix3d& covari
   return std::sqrt(squares);
 }
 
+Eigen::Vector3d knownPart(const Eigen::Vector3d& deviation, const Eigen::Matrix3d& covariance,
+                          double largest_sigma) {
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(covariance);
+  Eigen::Vector3d known = Eigen::Vector3d::Zero();
+  for (int i = 0; i < 3; ++i) {
+    const Eigen::Vector3d axis = solver.eigenvectors().col(i);
+    if (solver.eigenvalues()(i) < largest_sigma * largest_sigma) known += axis * axis.dot(deviation);
+  }
+  return known;
+}
+
 bool contradicts(const Eigen::Matrix<double, 6, 1>& deviation, const Eigen::Matrix<double, 6, 6>& covariance,
                  int first, double prior_sigma, double largest_sigma) {
   return sigmasOff(deviation.segment<3>(first), covariance.block<3, 3>(first, first), prior_sigma,

@@ -35,7 +35,8 @@ constexpr double kLeastShareThatFits =
 constexpr double kLargestPixelRms = 2.0;  // [px] of an acceptable solution
 constexpr double kLargestAccelBias =
     2.0;  // [m/s^2] beyond it the unit or the scale of the accelerometer is wrong
-constexpr double kNearPriorSigmas = 3.0;  // of a prior's translation
+constexpr double kKnownTranslation = 0.1;  // [m] sigma with which the data tell, not what a lever arm may be
+constexpr double kNearPriorSigmas = 3.0;   // of a prior's translation
 constexpr int kSolveIterations = 20;
 constexpr double kMostPatience = 2.0;
 
@@ -97,10 +98,11 @@ std::optional<InitializedProblem> InitializationAttempt::run() {
 
 std::optional<InitializedProblem> InitializationAttempt::solve() {
   if (!preintegrate() || !reconstruct()) return std::nullopt;
+  const AttemptFindings before = findings_;
   std::optional<InitializedProblem> problem = solveMotion();
   if (!input_.prior || input_.hold_rotation || input_.hold_translation) return problem;
   const bool doubtful = problem ? problem->noise.factors().gyroscope > kDoubtfulGyroNoiseFactor : misfit_;
-  return doubtful ? solveDoubtingPrior(std::move(problem)) : std::move(problem);
+  return doubtful ? solveDoubtingPrior(std::move(problem), before) : std::move(problem);
 }
 
 std::optional<InitializedProblem> InitializationAttempt::solveMotion() {
@@ -118,9 +120,9 @@ std::optional<InitializedProblem> InitializationAttempt::solveMotion() {
 // It may be what was given beforehand that does not fit: then everything fits without it, somewhere else, and with far
 // less noise of the IMU. What begins without it needs more keyframes than this attempt has: only so many show the noise.
 std::optional<InitializedProblem> InitializationAttempt::solveDoubtingPrior(
-    std::optional<InitializedProblem> believing) {
-  const AttemptFindings before = findings_;
-  const std::optional<NoiseFactors> noise_before = noise_found_;
+    std::optional<InitializedProblem> believing, const AttemptFindings& untouched) {
+  const AttemptFindings believed = findings_;
+  const std::optional<NoiseFactors> noise_believed = noise_found_;
   const ExtrinsicsPrior prior = *input_.prior;
   input_.prior->T_imu_cam.translation.setZero();  // as from nothing
   input_.prior->sigma_translation = kPriorSigmaTranslation;
@@ -128,21 +130,22 @@ std::optional<InitializedProblem> InitializationAttempt::solveDoubtingPrior(
   const std::optional<InitializedProblem> problem = solveMotion();
   const bool fits_better =
       noise_found_ && (!believing || noise_found_->gyroscope < 0.5 * believing->noise.factors().gyroscope);
-  const bool wrong = fits_better && problem && contradictsPrior(prior, problem->graph);
-  const bool undecided = fits_better && !problem && believing;
-  if (!wrong) {
-    findings_ = before;
-    noise_found_ = noise_before;
-  }
-  if (wrong)
+  if (fits_better && problem && contradictsPrior(prior, problem->graph)) {
     fail("collecting keyframes for a beginning without what was given beforehand",
          "keep moving with changing speed and direction, while turning");
-  else if (undecided)
+    return std::nullopt;
+  }
+  if (fits_better && !problem && believing) {  // neither is to be believed yet
+    findings_ = untouched;
+    noise_found_.reset();
     fail(
         "images and IMU fit better without what was given beforehand, but do not tell the scale without it "
         "yet",
         "move about with changing speed and direction, while turning");
-  if (wrong || undecided) return std::nullopt;
+    return std::nullopt;
+  }
+  findings_ = believed;
+  noise_found_ = noise_believed;
   return believing;
 }
 
@@ -157,7 +160,7 @@ bool InitializationAttempt::contradictsPrior(const ExtrinsicsPrior& prior, const
   P *= kSigmaInflation * kSigmaInflation;
   if (contradicts(off, P, 3, prior.sigma_rotation))
     rotation_contradiction_ = off.tail<3>().norm();
-  else if (contradicts(off, P, 0, prior.sigma_translation))
+  else if (contradicts(off, P, 0, prior.sigma_translation, kKnownTranslation))
     translation_contradiction_ = off.head<3>().norm();
   return rotation_contradiction_ || translation_contradiction_;
 }

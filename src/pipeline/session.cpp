@@ -166,19 +166,23 @@ void Session::checkTimeOffsetPrior() {
 Session::Strain Session::strain(int first) const {
   const bool rotation = first == kRotationHalf;
   const double sigma = rotation ? prior_->sigma_rotation : prior_->sigma_translation;
+  const double observable = rotation ? kObservableRotation : kObservableTranslation;
   const Matrix6d covariance = record_.dataCovariance() + intrinsics_share_;
+  const Eigen::Matrix3d P = covariance.block<3, 3>(first, first);
   const Eigen::Vector3d of_estimate =
       deviationFrom(prior_->T_imu_cam, estimator_->graph().calibration().T_BC()).segment<3>(first);
   const Eigen::Vector3d of_data = record_.dataDeviation().segment<3>(first);
   const Eigen::Array3d variance = intrinsics_share_.diagonal().segment<3>(first).array() + sigma * sigma;
-  Strain strain;
-  strain.of_estimate = (of_estimate.array() / variance.sqrt()).matrix().norm();
-  strain.of_data = sigmasOff(of_data, covariance.block<3, 3>(first, first), sigma,
-                             rotation ? kObservableRotation : kObservableTranslation);
-  // The prior still holds the estimate back.
-  const bool by_data = strain.of_data > strain.of_estimate;
-  strain.off = {(by_data ? of_data : of_estimate).norm(), !by_data};
-  return strain;
+  Strain result;
+  result.of_estimate = (of_estimate.array() / variance.sqrt()).matrix().norm();
+  result.of_data = sigmasOff(of_data, P, sigma, observable);
+  if (result.of_data > result.of_estimate) {
+    const Eigen::Vector3d known = knownPart(of_data, P, observable);
+    result.off = {known.norm(), known.norm() < 0.99 * of_data.norm()};
+  } else {
+    result.off = {of_estimate.norm(), true};  // the prior still holds the estimate back
+  }
+  return result;
 }
 
 // Images and IMU contradict each other: what was given beforehand, and has not been confirmed, is to blame where the estimate
@@ -199,10 +203,11 @@ void Session::blamePrior() {
 void Session::noteMovedMount() {
   if (prior_ && !prior_->from_session && prior_problem_.empty() &&
       !record_.knowledge(CalibrationTrust::kConverged)) {
-    const Strain rotation = strain(kRotationHalf), translation = strain(kTranslationHalf);
-    prior_problem_ = rotation.of_estimate > translation.of_estimate
-                         ? rotationPriorProblem(rotation.off, *prior_, false)
-                         : translationPriorProblem(translation.off, *prior_);
+    const Eigen::Matrix<double, 6, 1> off =
+        deviationFrom(prior_->T_imu_cam, estimator_->graph().calibration().T_BC());
+    prior_problem_ = strain(kRotationHalf).of_estimate > strain(kTranslationHalf).of_estimate
+                         ? rotationPriorProblem({off.tail<3>().norm(), false}, *prior_, false)
+                         : translationPriorProblem({off.head<3>().norm(), false}, *prior_);
   }
   prior_.reset();
   record_.noteMovedMount();

@@ -56,10 +56,10 @@ struct Calibration {
 struct Outcome {
   double first_s = kInfinity, converged_s = kInfinity;  // after the motion begins
   double scale_error = kInfinity;
-  double sigma_scale = kInfinity;  // published with the first odometry
-  Calibration at_claim, later, last;
-  double later_s = kInfinity;         // when `later` was, after the first image
-  Vector6d bound = Vector6d::Zero();  // sigmas that nothing beats, then
+  double sigma_scale = 1.0;                     // published with the first odometry
+  Calibration at_first, at_claim, later, last;  // at the first odometry, ...
+  double later_s = kInfinity;                   // when `later` was, after the first image
+  Vector6d bound = Vector6d::Zero();            // sigmas that nothing beats, then
   double bias_sigmas = kInfinity,
          td_sigmas = kInfinity;  // of gyroscope bias (worst axis) and time offset, last
   double early_sigmas = 0.0;     // largest of extrinsics and accelerometer bias before the odometry begins
@@ -132,6 +132,7 @@ inline Outcome run(const FeatureSimulationOptions& simulation, const RunSettings
     if (!std::isfinite(outcome.first_s)) {
       outcome.first_s = t;
       outcome.sigma_scale = update.calibration.sigma_scale;
+      outcome.at_first = outcome.last;
     }
     if (t <= outcome.first_s + kScaleSpan) {
       estimated.push_back(update.odometry->T_odom_imu.translation);

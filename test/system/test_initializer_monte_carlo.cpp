@@ -210,6 +210,7 @@ TEST(InitializerMonteCarlo, AWrongPriorThatCouldPassForNoiseDoesNotBegin) {
   const Outcome o = run(halfAMinute(euroc(41)), {false, wrongPrior});
   EXPECT_TRUE(o.prior_wrong) << o.last_reason;
   EXPECT_LT(o.first_s, 10.0);
+  EXPECT_LT(o.at_first.rotationDeg(), 2.0);
   EXPECT_LT(o.scale_error, 0.05);  // over the two seconds after
   EXPECT_TRUE(std::isfinite(o.converged_s));
 }

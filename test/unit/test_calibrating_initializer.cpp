@@ -4,9 +4,11 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <chrono>
 #include <functional>
 #include <optional>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "autocal_vio/geometry/so3.h"
@@ -122,7 +124,8 @@ TEST(CalibratingInitializer, ImagesGoOnWhileAnAttemptRuns) {
   InitializerOptions options;
   options.in_background = true;
   CalibratingInitializer initializer = makeInitializer(data, std::nullopt, options);
-  const Result result = run(data, &initializer);
+  const Result result =
+      run(data, &initializer, [](double) { std::this_thread::sleep_for(std::chrono::milliseconds(2)); });
   ASSERT_TRUE(result.problem);
   const std::vector<FeatureFrame>& later = result.problem->later;
   EXPECT_GT(later.size(), 5u);

@@ -354,8 +354,9 @@ TEST(Preintegration, AGapsNoiseStaysWithItsInterval) {
   EXPECT_EQ(gapNoiseFactor(0.02, noise), 1.0);
   const double factor = gapNoiseFactor(0.1, noise);
   EXPECT_GT(factor, 10.0);
-  const std::vector<ImuSample> first{{0, {}, {}}, {50000000, {}, {}}},
-      second{{50000000, {}, {}}, {100000000, {}, {}}};
+  const Vector3d zero = Vector3d::Zero();
+  const std::vector<ImuSample> first{{0, zero, zero}, {50000000, zero, zero}},
+      second{{50000000, zero, zero}, {100000000, zero, zero}};
   Preintegration bridged(second, ImuBias(), noise, factor);
   const Matrix15d before = bridged.covariance();
   const Preintegration plain(second, ImuBias(), noise);

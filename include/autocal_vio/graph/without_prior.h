@@ -25,6 +25,10 @@ WithoutPrior withoutPrior(const Eigen::MatrixXd& covariance, const Eigen::Vector
 double sigmasOff(const Eigen::Vector3d& deviation, const Eigen::Matrix3d& covariance, double prior_sigma,
                  double largest_sigma);
 
+/// The part of `deviation` (3) along the directions that count there.
+Eigen::Vector3d knownPart(const Eigen::Vector3d& deviation, const Eigen::Matrix3d& covariance,
+                          double largest_sigma);
+
 /// Sigmas of three axes together from which on a prior is wrong.
 constexpr double kContradictionSigmas = 4.5;
 

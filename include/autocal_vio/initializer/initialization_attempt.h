@@ -88,7 +88,8 @@ class InitializationAttempt {
  private:
   std::optional<InitializedProblem> solve();
   std::optional<InitializedProblem> solveMotion();
-  std::optional<InitializedProblem> solveDoubtingPrior(std::optional<InitializedProblem> believing);
+  std::optional<InitializedProblem> solveDoubtingPrior(std::optional<InitializedProblem> believing,
+                                                       const AttemptFindings& untouched);
   bool contradictsPrior(const ExtrinsicsPrior& prior, const VisualInertialGraph& graph);
   bool preintegrate();
   bool reconstruct();
@@ -106,7 +107,7 @@ class InitializationAttempt {
   double patience_ = 1.0;
   bool solved_ = false;
   double share_that_fits_ = 1.0;  ///< of the observations, in the batch's solution
-  bool misfit_ = false;           ///< images and IMU do not fit together
+  bool misfit_ = false;           ///< no solution, or images and IMU do not fit together in it
   std::optional<double> rotation_contradiction_;
   std::optional<double> translation_contradiction_;
   std::optional<NoiseFactors> noise_found_;
