@@ -59,12 +59,6 @@ Eigen::Vector3d knownPart(const Eigen::Vector3d& deviation, const Eigen::Matrix3
   return known;
 }
 
-bool contradicts(const Eigen::Matrix<double, 6, 1>& deviation, const Eigen::Matrix<double, 6, 6>& covariance,
-                 int first, double prior_sigma, double largest_sigma) {
-  return sigmasOff(deviation.segment<3>(first), covariance.block<3, 3>(first, first), prior_sigma,
-                   largest_sigma) > kContradictionSigmas;
-}
-
 Eigen::Matrix<double, 6, 1> deviationFrom(const Transform& prior, const Transform& T_BC) {
   Eigen::Matrix<double, 6, 1> result;
   result << T_BC.translation - prior.translation, logSo3(prior.rotation.conjugate() * T_BC.rotation);

@@ -3,6 +3,7 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <sstream>
 #include <utility>
 
@@ -35,6 +36,7 @@ constexpr double kLeastShareThatFits =
 constexpr double kLargestPixelRms = 2.0;  // [px] of an acceptable solution
 constexpr double kLargestAccelBias =
     2.0;  // [m/s^2] beyond it the unit or the scale of the accelerometer is wrong
+constexpr double kAnySigma = std::numeric_limits<double>::infinity();
 constexpr double kKnownTranslation = 0.1;  // [m] sigma with which the data tell, not what a lever arm may be
 constexpr double kNearPriorSigmas = 3.0;   // of a prior's translation
 constexpr int kSolveIterations = 20;
@@ -106,7 +108,6 @@ std::optional<InitializedProblem> InitializationAttempt::solve() {
 }
 
 std::optional<InitializedProblem> InitializationAttempt::solveMotion() {
-  misfit_ = false;
   noise_found_.reset();
   // Without a solution nothing fits; with one, judge() tells.
   misfit_ = !align();
@@ -154,14 +155,17 @@ bool InitializationAttempt::contradictsPrior(const ExtrinsicsPrior& prior, const
   const std::optional<GraphCovariance> covariance = graph.covariance();
   if (!covariance) return false;
   const Eigen::Matrix<double, 6, 1> off = deviationFrom(prior.T_imu_cam, graph.calibration().T_BC());
-  Eigen::Matrix<double, 6, 6> P = Eigen::Matrix<double, 6, 6>::Zero();  // what is read of it
-  P.topLeftCorner<3, 3>() = covariance->block({-1, BlockKind::kExtrinsicTranslation});
-  P.bottomRightCorner<3, 3>() = covariance->block({-1, BlockKind::kExtrinsicRotation});
-  P *= kSigmaInflation * kSigmaInflation;
-  if (contradicts(off, P, 3, prior.sigma_rotation))
-    rotation_contradiction_ = off.tail<3>().norm();
-  else if (contradicts(off, P, 0, prior.sigma_translation, kKnownTranslation))
-    translation_contradiction_ = off.head<3>().norm();
+  const Eigen::Vector3d distance = off.head<3>(), angle = off.tail<3>();
+  const auto inflated = [&](BlockKind kind) -> Eigen::Matrix3d {
+    return kSigmaInflation * kSigmaInflation * covariance->block({-1, kind});
+  };
+  const Eigen::Matrix3d P_rotation = inflated(BlockKind::kExtrinsicRotation),
+                        P_translation = inflated(BlockKind::kExtrinsicTranslation);
+  if (sigmasOff(angle, P_rotation, prior.sigma_rotation, kAnySigma) > kContradictionSigmas)
+    rotation_contradiction_ = angle.norm();
+  else if (sigmasOff(distance, P_translation, prior.sigma_translation, kKnownTranslation) >
+           kContradictionSigmas)
+    translation_contradiction_ = knownPart(distance, P_translation, kKnownTranslation).norm();
   return rotation_contradiction_ || translation_contradiction_;
 }
 

@@ -120,9 +120,11 @@ void RotationCalibrator::dropRotationPrior() {
 void RotationCalibrator::dropTimeOffsetPrior() {
   refinement_.sigma_td = TimeOffsetPrior().sigma_td;
   td_contradiction_.reset();
-  if (previous_ && !refinement_.rotation_prior) previous_.reset();
   recent_.clear();
-  if (!refinement_.rotation_prior) forgetEstimate();
+  if (!refinement_.rotation_prior) {
+    previous_.reset();
+    forgetEstimate();
+  }
   solve();
 }
 

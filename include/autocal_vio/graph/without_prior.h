@@ -1,7 +1,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <limits>
 
 #include "autocal_vio/geometry/transform.h"
 
@@ -31,12 +30,6 @@ Eigen::Vector3d knownPart(const Eigen::Vector3d& deviation, const Eigen::Matrix3
 
 /// Sigmas of three axes together from which on a prior is wrong.
 constexpr double kContradictionSigmas = 4.5;
-
-/// Whether the data contradict the prior of the three axes from `first` on: 0 for p_BC, 3 for R_BC. `deviation` (6) and
-/// `covariance` (6, 6): order [p_BC, theta]; the rest as in sigmasOff.
-bool contradicts(const Eigen::Matrix<double, 6, 1>& deviation, const Eigen::Matrix<double, 6, 6>& covariance,
-                 int first, double prior_sigma,
-                 double largest_sigma = std::numeric_limits<double>::infinity());
 
 /// Of an estimate `T_BC` from a prior, order [p_BC, theta] as in ExtrinsicPriorFactor [m, rad].
 Eigen::Matrix<double, 6, 1> deviationFrom(const Transform& prior, const Transform& T_BC);
