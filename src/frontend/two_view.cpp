@@ -167,6 +167,7 @@ TwoViewResult estimateTwoViewRotation(const std::vector<Eigen::Vector2d>& points
   rotation.parallax = hasParallax(fit);
   rotation.sigma = fit.noise.sigma;
   rotation.rotation_by_parallax = rotationByParallax(fit);
+  rotation.rotation_by_length = rotationByLength(fit);
   return TwoViewResult{rotation, std::string()};
 }
 

@@ -263,15 +263,19 @@ NoiseLevel estimateNoise(const std::vector<BearingPair>& pairs, const TwoViewFit
 }
 
 Matrix3d rotationCovariance(const TwoViewFit& fit) {
-  const Matrix6d covariance = fit.information.inverse();
+  const Vector3d by_length = rotationByLength(fit);
+  return fit.information.inverse().topLeftCorner<3, 3>() + by_length * by_length.transpose();
+}
+
+Vector3d rotationByLength(const TwoViewFit& fit) {
   const Vector3d& T = fit.geometry.parallax_C1;
-  if (T.squaredNorm() == 0.0) return covariance.topLeftCorner<3, 3>();
+  if (T.squaredNorm() == 0.0) return Vector3d::Zero();
+  const Matrix6d covariance = fit.information.inverse();
   const Vector3d along = T.normalized();
   const double variance = along.dot(covariance.bottomRightCorner<3, 3>() * along);
   const double honest = kLengthUncertainty * kLengthUncertainty * T.squaredNorm();
   const Vector3d response = covariance.topRightCorner<3, 3>() * along / variance;
-  return covariance.topLeftCorner<3, 3>() +
-         std::max(0.0, honest - variance) * response * response.transpose();
+  return std::sqrt(std::max(0.0, honest - variance)) * response;
 }
 
 Matrix3d rotationByParallax(const TwoViewFit& fit) {

@@ -211,6 +211,7 @@ void RotationCalibrator::addPair(const FeatureFrame& first, const FeatureFrame& 
   const Matrix3d& by_parallax = result.rotation->rotation_by_parallax;
   pair.by_lever_parallax = by_parallax * (pair.R_Ci_Cj.toRotationMatrix() - Matrix3d::Identity());
   pair.by_hidden_parallax = by_parallax * result.rotation->sigma;
+  pair.by_parallax_length = result.rotation->rotation_by_length;
   pair.covariance +=
       kHiddenSway * kHiddenSway * pair.by_hidden_parallax * pair.by_hidden_parallax.transpose();
   pending_.push_back(pair);

@@ -72,12 +72,14 @@ struct NormalEquations {
   Vector10d g = Vector10d::Zero();
 };
 
-// What a translation adds to the covariance `C` = H^-1 of the solution that no pair shows: a steady one, as large as the
-// noise, and one that sways, twice as large. Considered, not estimated: noise would pass for it.
-Matrix10d hiddenParallax(const std::vector<RotationPair>& pairs, const std::vector<Whitened>& residuals,
-                         const RotationState& state, double scale, double floor, const Matrix10d& C) {
+// What a translation adds to the covariance `C` = H^-1 of the solution: one that no pair shows, steady and as large as the
+// noise, or swaying and twice as large; and one whose length the scene leaves open, for all pairs alike. Considered, not
+// estimated: noise would pass for it.
+Matrix10d mistakenParallax(const std::vector<RotationPair>& pairs, const std::vector<Whitened>& residuals,
+                           const RotationState& state, double scale, double floor, const Matrix10d& C) {
   using Matrix10x3d = Eigen::Matrix<double, 10, 3>;
   Matrix10x3d steady = Matrix10x3d::Zero(), swaying = Matrix10x3d::Zero();
+  Vector10d by_length = Vector10d::Zero();
   Matrix10d by_sway = Matrix10d::Zero();
   const Matrix3d R_BC = state.R_BC.toRotationMatrix();
   for (std::size_t i = 0; i < pairs.size(); ++i) {
@@ -85,15 +87,19 @@ Matrix10d hiddenParallax(const std::vector<RotationPair>& pairs, const std::vect
     const Matrix3d covariance =
         rotationResidual(pairs[i], state).covariance + floor * floor * Matrix3d::Identity();
     const Eigen::LLT<Matrix3d> factor(covariance);
-    const Matrix3d by_hidden = factor.matrixL().solve(R_BC * pairs[i].by_hidden_parallax);
-    const Matrix10x3d pair = weight * residuals[i].jacobian.transpose() * by_hidden;
+    const Matrix10x3d by_mistake = weight * residuals[i].jacobian.transpose() * factor.matrixL().solve(R_BC);
+    const Matrix10x3d pair = by_mistake * pairs[i].by_hidden_parallax;
+    by_length += by_mistake * pairs[i].by_parallax_length;
     steady += pair;
     // sum_ij exp(-|t_i - t_j| / tau) A_i A_j^T, by what is left of all pairs before.
     if (i > 0) swaying *= std::exp(-toSeconds(pairs[i].end - pairs[i - 1].end) / kSwayTime);
     by_sway += pair * (pair + swaying).transpose() + swaying * pair.transpose();
     swaying += pair;
   }
-  return C * (steady * steady.transpose() + kHiddenSway * kHiddenSway * by_sway) * C;
+  return C *
+         (steady * steady.transpose() + kHiddenSway * kHiddenSway * by_sway +
+          by_length * by_length.transpose()) *
+         C;
 }
 
 // In units of the priors' sigmas; the pairs' part is divided by `scale` squared.
@@ -222,7 +228,7 @@ std::optional<RotationCalibration> refineRotation(const RotationState& start,
   n = normalEquations(residuals, result.state, options, result.residual_scale, true);
   const Matrix10d C = n.H.llt().solve(Matrix10d::Identity());
   result.covariance =
-      C + hiddenParallax(*pairs, residuals, result.state, result.residual_scale, options.sigma_floor, C);
+      C + mistakenParallax(*pairs, residuals, result.state, result.residual_scale, options.sigma_floor, C);
   int inliers = 0;
   for (const Whitened& w : residuals) {
     const double norm = w.residual.norm() / result.residual_scale;

@@ -307,6 +307,16 @@ TEST(InitializerMonteCarlo, DegenerateMotionKeepsThePriorOfWhatItDoesNotDetermin
   }
 }
 
+// Along a straight line at constant speed the scene decides how much of the parallax passes for rotation: for all images
+// alike, by 0.7 deg/s and up to 6 sigma of the gyroscope's bias once.
+TEST(InitializerMonteCarlo, ConstantVelocityLeavesTheGyroscopeBiasOpen) {
+  for (const int seed : {9, 13, 15}) {
+    FeatureSimulationOptions simulation = degenerate("constant_velocity", seed);
+    simulation.motion.duration = 30.0;
+    EXPECT_LT(run(simulation, {false, looseRightPrior}).bias_sigmas, 4.5) << seed;
+  }
+}
+
 // Of the rotation about two axes the data say next to nothing, and what correlated noise leaves there is no contradiction:
 // it was, by 30 deg.
 TEST(InitializerMonteCarlo, AStraightLineDoesNotContradictARightPrior) {

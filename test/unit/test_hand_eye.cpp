@@ -391,6 +391,39 @@ TEST(RotationRefinement, PriorHoldsWhereMotionIsMissing) {
   EXPECT_GT(std::sqrt(result->covariance(0, 0)), 0.01);
 }
 
+// At constant velocity the scene takes the same part of every pair's parallax for rotation: a bias as long as it lasts.
+TEST(RotationRefinement, AMistakenLengthOfTheParallaxDoesNotAverageOut) {
+  double nees = 0.0;
+  const int seeds = 40;
+  for (unsigned seed = 1; seed <= seeds; ++seed) {
+    std::mt19937 random(seed + 300);
+    PairSetup setup;
+    setup.speed = 0.0;
+    setup.sigma_camera = 0.1 * kDegree;
+    setup.gyro_noise = 1.7e-4;
+    setup.bias = 0.05 * drawVector(&random).normalized();
+    Data data = makeData(setup, seed);
+    const Vector3d by_length(0.0, 0.3 * kDegree, 0.1 * kDegree);
+    const Quaterniond mistaken = expSo3((drawVector(&random).x() * by_length).eval());
+    for (RotationPair& pair : data.pairs) {
+      pair.R_Ci_Cj = pair.R_Ci_Cj * mistaken;
+      pair.by_parallax_length = by_length;
+      pair.covariance += by_length * by_length.transpose();
+    }
+    RotationRefinementOptions options;
+    options.rotation_prior = RotationPrior{data.R_BC, 0.02};
+    RotationState start;
+    start.R_BC = data.R_BC;
+    const auto result = calibrateRotation(start, false, options, &data.pairs);
+    ASSERT_TRUE(result);
+    const Vector3d error = result->state.gyroscope_bias - setup.bias;
+    nees += error.dot(result->covariance.block<3, 3>(3, 3).llt().solve(error)) / seeds;
+  }
+  std::printf("mean NEES of the gyroscope's bias %.2f of 3\n", nees);
+  EXPECT_LT(nees, 4.5);
+  EXPECT_GT(nees, 1.5);
+}
+
 TEST(RotationExcitation, NamesTheMissingAxis) {
   std::vector<RotationPair> pairs(50);
   for (RotationPair& pair : pairs) {

@@ -30,6 +30,8 @@ struct TwoViewRotation {
   bool parallax = false;  ///< the translation stands clear of the noise
   /// Part of a parallax within the noise that was taken for rotation: d rotation (right) / d parallax that is there.
   Eigen::Matrix3d rotation_by_parallax = Eigen::Matrix3d::Zero();
+  /// One sigma of the rotation (right) by the parallax's length, which the scene leaves open; pairs share it [rad].
+  Eigen::Vector3d rotation_by_length = Eigen::Vector3d::Zero();
   int inliers = 0;                ///< points that agree
   double sigma = 0.0;             ///< standard deviation of a point's residual [rad]
   std::vector<bool> inlier_mask;  ///< one per point

@@ -70,9 +70,12 @@ double reprojectionCost(const std::vector<BearingPair>& pairs, const TwoViewFit&
 /// The noise level for the next fit, robust: one step, to be alternated with refineTwoView.
 NoiseLevel estimateNoise(const std::vector<BearingPair>& pairs, const TwoViewFit& fit);
 
-/// Covariance of the rotation's right perturbation [rad^2]. Where parallax is small it can be told from
-/// rotation only by the spread of distances taken for granted: that assumption's uncertainty is counted.
+/// Covariance of the rotation's right perturbation [rad^2], with rotationByLength() counted.
 Eigen::Matrix3d rotationCovariance(const TwoViewFit& fit);
+
+/// One sigma of the rotation (right perturbation, [rad]) by the length of the parallax: where parallax is small it can be told
+/// from rotation only by the spread of distances taken for granted. The scene decides it, so that pairs share it.
+Eigen::Vector3d rotationByLength(const TwoViewFit& fit);
 
 /// Rotation (right perturbation) that a fit makes of a parallax it cannot tell from noise: d rotation / d true parallax. Near
 /// zero where the parallax is clear. The same for all pairs of a steady motion, it does not average out.

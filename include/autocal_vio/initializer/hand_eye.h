@@ -48,6 +48,8 @@ struct RotationPair {
   Eigen::Matrix3d by_lever_parallax = Eigen::Matrix3d::Zero();
   /// The same by a parallax as large as the noise.
   Eigen::Matrix3d by_hidden_parallax = Eigen::Matrix3d::Zero();
+  /// One sigma of the right perturbation by the length of the parallax: the scene's, the same for all pairs [rad].
+  Eigen::Vector3d by_parallax_length = Eigen::Vector3d::Zero();
   GyroIncrement gyro;                                   ///< at gyro_bias
   Eigen::Vector3d gyro_bias = Eigen::Vector3d::Zero();  ///< the increment was integrated about [rad/s]
   double td = 0.0;                                      ///< and at [s]
