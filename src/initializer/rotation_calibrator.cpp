@@ -1,7 +1,5 @@
 #include "autocal_vio/initializer/rotation_calibrator.h"
 
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
@@ -12,6 +10,7 @@
 #include "autocal_vio/frontend/two_view.h"
 #include "autocal_vio/geometry/so3.h"
 #include "autocal_vio/initializer/rotation_excitation.h"
+#include "autocal_vio/initializer/rotation_judgement.h"
 
 namespace autocal_vio {
 namespace {
@@ -29,17 +28,7 @@ constexpr std::size_t kStableSolutions = 3;
 constexpr double kUnknown = 104.0 * kDegree;  // per axis, of a rotation that may be any
 constexpr double kObservable = 2.0;           // times the limit of acceptance
 constexpr int kSolvesPerPriorCheck = 4;
-constexpr double kRotationContradictionSigmas = 5.0;
-constexpr double kTdContradictionSigmas = 5.0;
-constexpr double kTdFloor = 0.001;         // [s] of what rotations say of it: their noise is correlated
-constexpr double kSigmaOfGivenTd = 0.015;  // [s] less than that somebody has looked at the stamps
 constexpr double kMemory = 60.0;  // [s] the bias walks: the older a pair is, the less it says of today's
-constexpr double kOneAxisFactor =
-    2.0;  // rotation about one axis, over what a second one needs, to know that axis
-
-double largestSigma(const Matrix3d& covariance) {
-  return std::sqrt(Eigen::SelfAdjointEigenSolver<Matrix3d>(covariance).eigenvalues()(2));
-}
 
 struct CommonPoints {
   std::vector<Eigen::Vector2d> first, second;
@@ -277,7 +266,7 @@ void RotationCalibrator::solve() {
                        std::to_string(options_.min_pairs);
     return;
   }
-  if ((refinement_.rotation_prior || isTimeOffsetGiven()) && ++solves_ % kSolvesPerPriorCheck == 0)
+  if ((refinement_.rotation_prior || isTimeOffsetGiven(refinement_)) && ++solves_ % kSolvesPerPriorCheck == 0)
     checkPriors();
   // A fresh start finds the way out of a wrong solution; a good one does not need it.
   const bool afresh = !refinement_.rotation_prior && estimate_.sigma.maxCoeff() > kSettled;
@@ -290,75 +279,18 @@ void RotationCalibrator::solve() {
   judge(*solution);
 }
 
-bool RotationCalibrator::isTimeOffsetGiven() const {
-  return refinement_.sigma_td < kSigmaOfGivenTd;
-}
-
 void RotationCalibrator::checkPriors() {
-  RotationRefinementOptions without_priors = refinement_;
-  without_priors.rotation_prior.reset();
-  if (isTimeOffsetGiven()) without_priors.sigma_td = TimeOffsetPrior().sigma_td;
-  std::vector<RotationPair> pairs = pairs_;
-  const auto solution = calibrateRotation(std::nullopt, true, without_priors, &pairs);
-  if (!solution || !explainsResiduals(*solution)) return;
-  const RotationExcitation excitation = rotationExcitation(pairs, solution->state.gyroscope_bias);
-  if (refinement_.rotation_prior) checkRotationPrior(*solution, excitation);
-  td_contradiction_.reset();
-  if (!isTimeOffsetGiven() || excitation.principal(0) < options_.min_second_axis_deg * kDegree) return;
-  const double off = std::abs(solution->state.td - refinement_.td);
-  const double sigma = std::sqrt(solution->covariance(6, 6) + kTdFloor * kTdFloor);
-  if (off > kTdContradictionSigmas * std::hypot(sigma, refinement_.sigma_td)) td_contradiction_ = off;
-}
-
-void RotationCalibrator::checkRotationPrior(const RotationCalibration& solution,
-                                            const RotationExcitation& excitation) {
-  const double enough = options_.min_second_axis_deg * kDegree, limit = options_.max_sigma_deg * kDegree;
-  const Quaterniond& R_BC = solution.state.R_BC;
-  const Matrix3d covariance = flooredCovariance(solution);
-  prior_contradiction_.reset();
-  if (excitation.principal(1) >= enough && largestSigma(covariance) <= limit) {
-    prior_checked_ = true;
-    compareWithPrior(R_BC, covariance);
-  } else if (excitation.principal(0) >= kOneAxisFactor * enough) {
-    compareAxisWithPrior(R_BC, covariance, excitation.axes_B.col(0));
-  }
-}
-
-void RotationCalibrator::compareWithPrior(const Quaterniond& R_BC, const Matrix3d& covariance) {
-  const RotationPrior& prior = *refinement_.rotation_prior;
-  const Vector3d off = logSo3((prior.R_BC.conjugate() * R_BC).normalized());
-  const Matrix3d expected = covariance + prior.sigma * prior.sigma * Matrix3d::Identity();
-  const double sigmas = std::sqrt(off.dot(expected.inverse() * off));
-  if (sigmas > kRotationContradictionSigmas) prior_contradiction_ = PriorDeviation{off.norm(), false};
-}
-
-// Rotation about one axis leaves the turn about it open, but the prior has to map that axis of the camera to that of the
-// IMU.
-void RotationCalibrator::compareAxisWithPrior(const Quaterniond& R_BC, const Matrix3d& covariance,
-                                              const Vector3d& axis_B) {
-  const RotationPrior& prior = *refinement_.rotation_prior;
-  const Matrix3d R = R_BC.toRotationMatrix(), across = Matrix3d::Identity() - axis_B * axis_B.transpose();
-  const double sigma = largestSigma(across * R * covariance * R.transpose() * across);
-  if (!(sigma <= options_.max_sigma_deg * kDegree)) return;
-  const Vector3d prior_axis_B = prior.R_BC * (R_BC.conjugate() * axis_B);
-  const double off = std::atan2(axis_B.cross(prior_axis_B).norm(), axis_B.dot(prior_axis_B));
-  if (off > kRotationContradictionSigmas * std::hypot(sigma, prior.sigma))
-    prior_contradiction_ = PriorDeviation{off, true};
-}
-
-bool RotationCalibrator::explainsResiduals(const RotationCalibration& solution) const {
-  return solution.residual_scale <= options_.max_residual_scale && solution.inlier_ratio >= 0.5;
-}
-
-Matrix3d RotationCalibrator::flooredCovariance(const RotationCalibration& solution) const {
-  const double floor = options_.sigma_floor_deg * kDegree;
-  return solution.covariance.topLeftCorner<3, 3>() + floor * floor * Matrix3d::Identity();
+  const auto check = checkRotationPriors(pairs_, refinement_, options_);
+  if (!check) return;
+  prior_contradiction_ = check->rotation;
+  td_contradiction_ = check->time_offset;
+  prior_checked_ = prior_checked_ || check->rotation_determined;
 }
 
 void RotationCalibrator::judge(const RotationCalibration& solution) {
   RotationEstimate& e = estimate_;
   e.R_BC = solution.state.R_BC;
-  e.covariance = flooredCovariance(solution);
+  e.covariance = flooredCovariance(solution, options_);
   e.gyroscope_bias = solution.state.gyroscope_bias;
   e.sigma_gyroscope_bias = solution.covariance.diagonal().segment<3>(3).cwiseSqrt();
   e.td = solution.state.td;
@@ -375,7 +307,7 @@ void RotationCalibrator::judge(const RotationCalibration& solution) {
   const Matrix3d covariance_B = R * e.covariance * R.transpose();
   for (int k = 0; k < 3; ++k) e.axis_observable[k] = std::sqrt(covariance_B(k, k)) < kObservable * limit;
 
-  e.consistent = excitation.principal(0) >= enough && explainsResiduals(solution);
+  e.consistent = excitation.principal(0) >= enough && explainsResiduals(solution, options_);
   recent_.push_back(e.R_BC);
   if (recent_.size() > kStableSolutions) recent_.pop_front();
   double spread = 0.0;
@@ -387,7 +319,7 @@ void RotationCalibrator::judge(const RotationCalibration& solution) {
     e.reason = "too little rotation: standstill or translation only";
   } else if (excitation.principal(1) < enough) {
     e.reason = "rotation about one axis only";
-  } else if (!explainsResiduals(solution)) {
+  } else if (!explainsResiduals(solution, options_)) {
     e.reason = withNumber(
         "camera and gyroscope contradict each other: residuals are %.1f times the noise (a gyroscope in "
         "deg/s, axes of "

@@ -13,7 +13,6 @@
 #include "autocal_vio/imu/imu_buffer.h"
 #include "autocal_vio/initializer/hand_eye.h"
 #include "autocal_vio/initializer/rotation_calibrator_options.h"
-#include "autocal_vio/initializer/rotation_excitation.h"
 #include "autocal_vio/initializer/rotation_refinement.h"
 #include "autocal_vio/rig/rig_model.h"
 
@@ -85,15 +84,8 @@ class RotationCalibrator {
   void dropLeastInformative();
   void solve();
   void judge(const RotationCalibration& solution);
-  bool isTimeOffsetGiven() const;
   void checkPriors();
-  void checkRotationPrior(const RotationCalibration& solution, const RotationExcitation& excitation);
-  void compareWithPrior(const Eigen::Quaterniond& R_BC, const Eigen::Matrix3d& covariance);
-  void compareAxisWithPrior(const Eigen::Quaterniond& R_BC, const Eigen::Matrix3d& covariance,
-                            const Eigen::Vector3d& axis_B);
-  bool explainsResiduals(const RotationCalibration& solution) const;
   void forgetEstimate();
-  Eigen::Matrix3d flooredCovariance(const RotationCalibration& solution) const;
 
   double focal_length_;
   ImuNoise noise_;
