@@ -82,28 +82,31 @@ void readResolution(YamlSection* section, CameraIntrinsics* camera) {
   camera->height = static_cast<int>((*values)[1]);
 }
 
-// All of the camera's own keys, or none of them: then camera_info describes it.
+// All of the camera's own keys, or none of them: then camera_info describes it, which says nothing of the shutter nor of how
+// well the principal point is known.
 void readCamera(YamlSection* section, RigModel* rig) {
   const std::vector<std::string> keys = {"camera_model", "intrinsics", "distortion_model",
                                          "distortion_coeffs", "resolution"};
   bool any = false;
   for (const std::string& key : keys) any = any || section->has(key);
-  if (!any) return;
-  section->require(keys);
   // What cannot be read keeps a value that fits whatever the rest is: it needs no second complaint.
   CameraIntrinsics camera;
   camera.width = camera.height = kLargestImage;
-  readModels(section, &camera);
-  readDistortion(section, &camera);
-  readResolution(section, &camera);
+  if (any) {
+    section->require(keys);
+    readModels(section, &camera);
+    readDistortion(section, &camera);
+    readResolution(section, &camera);
+  }
   camera.intrinsics << 1000.0, 1000.0, 0.5 * camera.width, 0.5 * camera.height;
-  if (const auto values = section->numbers("intrinsics", 4, "fu fv pu pv in pixels"))
-    camera.intrinsics = Eigen::Map<const Eigen::Vector4d>(values->data());
-  camera.sigma_principal_point =
-      section->number("sigma_principal_point").value_or(camera.sigma_principal_point);
-  camera.readout_time = section->number("readout_time").value_or(camera.readout_time);
+  if (any)
+    if (const auto values = section->numbers("intrinsics", 4, "fu fv pu pv in pixels"))
+      camera.intrinsics = Eigen::Map<const Eigen::Vector4d>(values->data());
+  rig->sigma_principal_point = section->number("sigma_principal_point");
+  rig->readout_time = section->number("readout_time");
+  rig->completeCamera(&camera);
   for (const std::string& problem : camera.validate()) section->addProblem("", problem);
-  rig->camera = camera;
+  if (any) rig->camera = camera;
 }
 
 void readExtrinsics(YamlSection* section, std::optional<ExtrinsicsPrior>* prior) {

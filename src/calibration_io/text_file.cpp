@@ -30,6 +30,14 @@ bool writeAll(int descriptor, const std::string& content) {
   return true;
 }
 
+// The file that a symbolic link stands for: a rename would replace the link.
+std::string followed(const std::string& path) {
+  std::error_code error;
+  if (!std::filesystem::is_symlink(path, error)) return path;
+  const std::filesystem::path target = std::filesystem::weakly_canonical(path, error);
+  return error ? path : target.string();
+}
+
 std::string folderOf(const std::string& path) {
   const std::size_t slash = path.find_last_of('/');
   return slash == std::string::npos ? "." : path.substr(0, slash + 1);
@@ -61,7 +69,8 @@ std::optional<std::string> readTextFile(const std::string& path) {
   return content.str();
 }
 
-std::optional<std::string> writeFileAtomically(const std::string& path, const std::string& content) {
+std::optional<std::string> writeFileAtomically(const std::string& link, const std::string& content) {
+  const std::string path = followed(link);
   const std::string pattern = path + ".XXXXXX";
   std::vector<char> temporary(pattern.begin(), pattern.end());
   temporary.push_back('\0');

@@ -16,7 +16,7 @@ constexpr double kDegrees = 180.0 / 3.14159265358979323846;
 constexpr double kReopenFactor = 2.0;  // a converged calibration is given up only well beyond the limits
 const char* const kAxes[3] = {"x", "y", "z"};
 
-// Zero is a part that is held. What is no variance is no knowledge.
+// What is no variance is no knowledge.
 Vector6d sigmasOf(const Eigen::Matrix<double, 6, 6>& covariance) {
   Vector6d sigma;
   for (int i = 0; i < 6; ++i)
@@ -67,8 +67,8 @@ void ExtrinsicMonitor::judge() {
   int worst_translation, worst_rotation;
   const double sigma_translation = sigma.head<3>().maxCoeff(&worst_translation);
   const double sigma_rotation = sigma.tail<3>().maxCoeff(&worst_rotation) * kDegrees;
-  const double pull_translation = now.pull.head<3>().norm();
-  const double pull_rotation = now.pull.tail<3>().norm() * kDegrees;
+  const double pull_translation = now.translation_held ? 0.0 : now.pull.head<3>().norm();
+  const double pull_rotation = now.rotation_held ? 0.0 : now.pull.tail<3>().norm() * kDegrees;
   for (int i = 0; i < 3; ++i) {
     translation_observable_[i] = sigma(i) < kObservableTranslation;
     rotation_observable_[i] = sigma(3 + i) < kObservableRotation;
@@ -76,18 +76,18 @@ void ExtrinsicMonitor::judge() {
   const double slack = converged_ ? kReopenFactor : 1.0;
   std::ostringstream why;
   advice_.clear();
-  if (!(sigma_rotation < slack * options_.max_sigma_rotation_deg)) {
+  if (!now.rotation_held && !(sigma_rotation < slack * options_.max_sigma_rotation_deg)) {
     why << "rotation about " << kAxes[worst_rotation] << " of the camera is known to "
         << roundedUp(sigma_rotation) << " deg by the motion alone (sigma), needs "
         << options_.max_sigma_rotation_deg;
     advice_ = std::string("rotate about axes other than the camera's ") + kAxes[worst_rotation];
-  } else if (!(sigma_translation < slack * options_.max_sigma_translation)) {
+  } else if (!now.translation_held && !(sigma_translation < slack * options_.max_sigma_translation)) {
     why << "translation along " << kAxes[worst_translation] << " of the IMU is known to "
         << roundedUp(1e3 * sigma_translation) << " mm by the motion alone (sigma), needs "
         << 1e3 * options_.max_sigma_translation;
     advice_ = std::string("rotate quickly to and fro while moving about, not only about the IMU's ") +
               kAxes[worst_translation];
-  } else if (!(now.sigma_td < slack * options_.max_sigma_td)) {
+  } else if (!now.td_held && !(now.sigma_td < slack * options_.max_sigma_td)) {
     why << "the time offset is known to " << roundedUp(1e3 * now.sigma_td) << " ms (sigma), needs "
         << 1e3 * options_.max_sigma_td;
     advice_ = "rotate to and fro";
@@ -110,9 +110,12 @@ void ExtrinsicMonitor::judge() {
   reason_ = why.str();
   converged_ = reason_.empty();
   if (converged_) {
-    why << "rotation known to " << roundedUp(sigma_rotation) << " deg, translation to "
-        << roundedUp(1e3 * sigma_translation) << " mm (sigma, worst axis), stable for "
-        << options_.stable_time << " s";
+    if (!now.rotation_held) why << "rotation known to " << roundedUp(sigma_rotation) << " deg";
+    if (!now.rotation_held && !now.translation_held) why << ", ";
+    if (!now.translation_held)
+      why << (now.rotation_held ? "translation known to " : "translation to ")
+          << roundedUp(1e3 * sigma_translation) << " mm";
+    why << " (sigma, worst axis), stable for " << options_.stable_time << " s";
     reason_ = why.str();
   }
 }

@@ -110,12 +110,10 @@ void CalibrationRecord::judge(const SlidingWindowEstimator& estimator, TimeNs st
   sample.covariance = data_covariance_;
   sample.pull = pull_;
   sample.td = calibration.td;
-  sample.sigma_td = calibration.td_held ? 0.0 : sigma_td_;
-  // Zero says that a part is held, and waits for nothing.
-  if (calibration.translation_held)
-    sample.covariance.topRows<3>().setZero(), sample.covariance.leftCols<3>().setZero();
-  if (calibration.rotation_held)
-    sample.covariance.bottomRows<3>().setZero(), sample.covariance.rightCols<3>().setZero();
+  sample.sigma_td = sigma_td_;
+  sample.translation_held = calibration.translation_held;
+  sample.rotation_held = calibration.rotation_held;
+  sample.td_held = calibration.td_held;
   monitor_.add(sample);
   const bool held_wrong = mount_moved_ && (calibration.rotation_held || calibration.translation_held);
   if (!monitor_.converged() || held_wrong) return;
@@ -134,9 +132,10 @@ void CalibrationRecord::remember(const SlidingWindowEstimator& estimator) {
   current_ = knowledge;
 }
 
-std::optional<CalibrationKnowledge> CalibrationRecord::knowledge(CalibrationTrust trust) const {
-  if (trust == CalibrationTrust::kAll) return current_;
-  return trust == CalibrationTrust::kWithinABump && converged_ ? withinABump(*converged_) : converged_;
+std::optional<CalibrationKnowledge> CalibrationRecord::knowledge(CalibrationTrust trust, bool held) const {
+  const std::optional<CalibrationKnowledge>& known =
+      held || trust == CalibrationTrust::kAll ? current_ : converged_;
+  return trust == CalibrationTrust::kWithinABump && known ? withinABump(*known) : known;
 }
 
 void CalibrationRecord::forgetSteps() {

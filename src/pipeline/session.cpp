@@ -57,7 +57,7 @@ Session::Session(double focal_length, const RigModel& rig, const VioOptions& opt
   initializer_ = std::make_unique<CalibratingInitializer>(
       focal_length, rig.imu_noise, rig.extrinsics_prior, rig.time_offset_prior, options.initializer,
       options.rotation_calibrator, graphOptions(options.estimator));
-  if (options.fix_extrinsics) hold(true, true, false);
+  if (options.fix_extrinsics) hold({true, true, false});
 }
 
 double Session::td() const {
@@ -142,8 +142,8 @@ EstimatorResult Session::catchUp(const std::vector<FeatureFrame>& frames, const 
 void Session::checkPrior() {
   if (!prior_ || !prior_problem_.empty()) return;
   const Strain rotation = strain(kRotationHalf), translation = strain(kTranslationHalf);
-  const bool rotation_wrong = !hold_rotation_ && rotation.sigmas() > kContradictionSigmas;
-  const bool translation_wrong = !hold_translation_ && translation.sigmas() > kContradictionSigmas;
+  const bool rotation_wrong = !held_.rotation && rotation.sigmas() > kContradictionSigmas;
+  const bool translation_wrong = !held_.translation && translation.sigmas() > kContradictionSigmas;
   if (!rotation_wrong && !translation_wrong) return;
   if (rotation_wrong && !(translation_wrong && translation.sigmas() > rotation.sigmas()))
     prior_problem_ = rotationPriorProblem(rotation.off, *prior_, false);
@@ -155,7 +155,7 @@ void Session::checkPrior() {
 
 // As of the extrinsics; only somebody's word has so small a sigma that an estimate could leave it by many of them.
 void Session::checkTimeOffsetPrior() {
-  if (hold_td_ || !time_offset_problem_.empty()) return;
+  if (held_.time_offset || !time_offset_problem_.empty()) return;
   const double off = std::abs(estimator_->graph().calibration().td - time_offset_prior_.td);
   if (!(off > kContradictionSigmas * time_offset_prior_.sigma_td)) return;
   time_offset_problem_ = timeOffsetPriorProblem({off, true}, time_offset_prior_);
@@ -192,10 +192,10 @@ void Session::blamePrior() {
       record_.knowledge(CalibrationTrust::kConverged))
     return;
   const Strain rotation = strain(kRotationHalf), translation = strain(kTranslationHalf);
-  if (!hold_rotation_ && rotation.of_estimate > kSuspectSigmas &&
+  if (!held_.rotation && rotation.of_estimate > kSuspectSigmas &&
       rotation.of_estimate > translation.of_estimate)
     prior_problem_ = rotationPriorProblem(rotation.off, *prior_, false);
-  else if (!hold_translation_ && translation.of_estimate > kSuspectSigmas)
+  else if (!held_.translation && translation.of_estimate > kSuspectSigmas)
     prior_problem_ = translationPriorProblem(translation.off, *prior_);
 }
 
@@ -219,7 +219,7 @@ void Session::startEstimator(InitializedProblem problem, TimeNs stamp) {
   T_W_origin_ = origin.T_WB();
   estimator_ =
       std::make_unique<SlidingWindowEstimator>(std::move(problem.graph), problem.noise, options_.estimator);
-  estimator_->hold(hold_rotation_, hold_translation_, hold_td_);
+  estimator_->hold(held_.rotation, held_.translation, held_.time_offset);
   record_.add(*estimator_, true, stamp);
   record_.judge(*estimator_, stamp);
 }
@@ -233,14 +233,13 @@ void Session::continueFromLastPose() {
   T_odom_W_ = Transform(turn, last_pose_->translation - turn * T_WB.translation);
 }
 
-void Session::hold(bool rotation, bool translation, bool time_offset) {
-  const bool released = (hold_rotation_ || hold_translation_) && !rotation && !translation;
-  hold_rotation_ = rotation;
-  hold_translation_ = translation;
-  hold_td_ = time_offset;
-  initializer_->hold(rotation, translation, time_offset);
+void Session::hold(const FreezeSelection& parts) {
+  const bool were_held = areExtrinsicsHeld();
+  held_ = parts;
+  const bool released = were_held && !areExtrinsicsHeld();
+  initializer_->hold(parts.rotation, parts.translation, parts.time_offset);
   if (!estimator_) return;
-  estimator_->hold(rotation, translation, time_offset);
+  estimator_->hold(parts.rotation, parts.translation, parts.time_offset);
   if (released && record_.mountMoved()) {
     estimator_->reopenExtrinsics();
     noteMovedMount();
@@ -349,15 +348,18 @@ void Session::fillCalibration(VioUpdate* update) const {
 }
 
 void Session::fillState(VioUpdate* update) const {
-  const bool frozen = hold_rotation_ && hold_translation_;
-  update->state = frozen                ? VioState::kFrozen
+  const bool all_held = held_.rotation && held_.translation;
+  update->state = held_.any()           ? VioState::kFrozen
                   : record_.converged() ? VioState::kConverged
                                         : VioState::kEstimating;
-  update->reason = frozen ? "the extrinsics are held" : record_.monitor().reason();
+  update->reason = all_held ? "" : record_.monitor().reason();
+  if (held_.any())
+    update->reason =
+        "held: " + heldText(held_, update->calibration) + (all_held ? "" : "; ") + update->reason;
   if (estimator_->standing())
     update->reason = "standing still, pose and calibration do not change; " + update->reason;
-  update->motion_advice = frozen ? "" : record_.monitor().motionAdvice();
-  if (record_.mountMoved() && (hold_rotation_ || hold_translation_))
+  update->motion_advice = all_held ? "" : record_.monitor().motionAdvice();
+  if (record_.mountMoved() && areExtrinsicsHeld())
     update->reason =
         "the camera has moved on its mount, and what is held of the extrinsics is wrong: release it";
   else if (record_.mountMoved())

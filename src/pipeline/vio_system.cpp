@@ -107,6 +107,7 @@ class VioSystem::Impl {
   void reset(bool keep_calibration) {
     ++counters_.resets;
     const RigModel rig = keep_calibration ? rigWithCalibration() : rig_;
+    if (!keep_calibration) frozen_.reset();
     tracker_.reset();
     last_processed_.reset();
     ages_.clear();
@@ -115,9 +116,20 @@ class VioSystem::Impl {
     startSession(rig, session_->lastPose());
   }
 
-  void freeze(const FreezeSelection& selection) {
+  bool freeze(const FreezeSelection& selection, std::string* problem) {
+    const bool all = selection.rotation && selection.translation,
+               any = selection.rotation || selection.translation;
+    if (options_.fix_extrinsics && !all) {
+      setProblem(problem, "fix_extrinsics holds rotation and translation for as long as the nodelet runs");
+      return false;
+    }
+    if (any && !session_->estimating() && !session_rig_.extrinsics_prior) {
+      setProblem(problem, "there are no extrinsics to hold yet: " + update_.reason);
+      return false;
+    }
     frozen_ = selection;
-    session_->hold(selection.rotation, selection.translation, selection.time_offset);
+    session_->hold(selection);
+    return true;
   }
 
   const CameraModel& camera() const { return camera_; }
@@ -129,7 +141,7 @@ class VioSystem::Impl {
   void startSession(const RigModel& rig, const std::optional<Transform>& start_pose) {
     session_rig_ = rig;
     session_ = std::make_unique<Session>(camera_.focalLength(), rig, options_, start_pose);
-    if (frozen_) session_->hold(frozen_->rotation, frozen_->translation, frozen_->time_offset);
+    if (frozen_) session_->hold(*frozen_);
   }
 
   // What is known of the calibration now: the running estimate, else what the session began with.
@@ -299,8 +311,8 @@ void VioSystem::reset(bool keep_calibration) {
   impl_->reset(keep_calibration);
 }
 
-void VioSystem::freeze(const FreezeSelection& selection) {
-  impl_->freeze(selection);
+bool VioSystem::freeze(const FreezeSelection& selection, std::string* problem) {
+  return impl_->freeze(selection, problem);
 }
 
 const CameraModel& VioSystem::camera() const {

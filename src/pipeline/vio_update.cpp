@@ -1,5 +1,9 @@
 #include "autocal_vio/pipeline/vio_update.h"
 
+#include <algorithm>
+#include <cmath>
+#include <sstream>
+
 namespace autocal_vio {
 
 const char* toString(VioState state) {
@@ -20,6 +24,20 @@ const char* toString(VioState state) {
       return "lost";
   }
   return "unknown";
+}
+
+std::string heldText(const FreezeSelection& held, const CalibrationEstimate& calibration) {
+  constexpr double kDegrees = 180.0 / 3.14159265358979323846;
+  const Eigen::Matrix<double, 6, 1> sigma = calibration.covariance.diagonal().cwiseMax(0.0).cwiseSqrt();
+  std::ostringstream text;
+  text.precision(2);
+  const auto add = [&text](const char* part, double value, const char* unit) {
+    text << (text.str().empty() ? "" : ", ") << part << " (sigma " << value << " " << unit << ")";
+  };
+  if (held.rotation) add("rotation", sigma.tail<3>().maxCoeff() * kDegrees, "deg");
+  if (held.translation) add("translation", 1e3 * sigma.head<3>().maxCoeff(), "mm");
+  if (held.time_offset) add("time offset", 1e3 * calibration.sigma_td, "ms");
+  return text.str();
 }
 
 }  // namespace autocal_vio

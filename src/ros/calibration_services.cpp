@@ -3,6 +3,8 @@
 #include <ros/console.h>
 
 #include <cmath>
+#include <cstdlib>
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <utility>
@@ -53,6 +55,16 @@ KalibrCamchain toCamchain(const Snapshot& snapshot, const std::string& image_top
   return camchain;
 }
 
+// The answer names the file wherever the nodelet's manager runs: "~" is the home folder of its user.
+std::string absolutePath(const std::string& path) {
+  std::error_code error;
+  const char* const home = std::getenv("HOME");
+  const bool from_home = home && path.rfind("~/", 0) == 0;
+  const std::filesystem::path whole =
+      std::filesystem::absolute(from_home ? home + path.substr(1) : path, error);
+  return error ? path : whole.lexically_normal().string();
+}
+
 }  // namespace
 
 CalibrationServices::CalibrationServices(const ros::NodeHandle& service_nh, Hooks hooks)
@@ -70,7 +82,8 @@ bool CalibrationServices::reset(Reset::Request& request, Reset::Response& respon
     system.reset(keep);
   };
   if (runCommand(hooks_.worker(), command, &response)) {
-    response.message = keep ? "started anew with the calibration kept" : "started anew from nothing";
+    response.message = keep ? "started anew with the calibration kept"
+                            : "started anew from what the rig file gives; what was held is released";
   }
   return true;
 }
@@ -80,11 +93,24 @@ bool CalibrationServices::freeze(FreezeExtrinsics::Request& request, FreezeExtri
   selection.rotation = request.rotation;
   selection.translation = request.translation;
   selection.time_offset = request.time_offset;
-  const auto command = [selection](VioSystem& system) { system.freeze(selection); };
-  if (runCommand(hooks_.worker(), command, &response)) {
-    const auto word = [](bool held) { return held ? "held" : "free"; };
-    response.message = std::string("rotation ") + word(selection.rotation) + ", translation " +
-                       word(selection.translation) + ", time offset " + word(selection.time_offset);
+  struct Outcome {
+    bool done = false;
+    std::string problem;
+    CalibrationEstimate calibration;
+  };
+  const auto outcome = std::make_shared<Outcome>();
+  const auto command = [selection, outcome](VioSystem& system) {
+    outcome->done = system.freeze(selection, &outcome->problem);
+    outcome->calibration = system.lastUpdate().calibration;
+  };
+  if (!runCommand(hooks_.worker(), command, &response)) return true;
+  response.success = outcome->done;
+  if (!outcome->done) {
+    response.message = outcome->problem;
+  } else if (selection.any()) {
+    response.message = "held: " + heldText(selection, outcome->calibration);
+  } else {
+    response.message = "released: rotation, translation and time offset are estimated";
   }
   return true;
 }
@@ -113,6 +139,8 @@ bool CalibrationServices::save(SaveCalibration::Request& request, SaveCalibratio
     std::string& text = problem ? problems : written;
     text += (text.empty() ? "" : problem ? "; " : ", ") + (problem ? *problem : path);
   };
+  for (std::string* path : {&request.camchain_path, &request.urdf_path, &request.urdf_source})
+    if (!path->empty()) *path = absolutePath(*path);
   if (!request.camchain_path.empty()) {
     note(request.camchain_path,
          writeKalibrCamchain(request.camchain_path, toCamchain(*snapshot, hooks_.image_topic)));

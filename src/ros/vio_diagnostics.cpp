@@ -11,6 +11,7 @@ using diagnostic_msgs::DiagnosticStatus;
 
 constexpr double kSlowMs = 200.0;          // from the arrival of an image to its result
 constexpr double kUnknownSigma = 1000.0;   // of the status message
+constexpr double kRateFactor = 1.3;        // between the IMU's rate and what the rig file says
 constexpr unsigned int kFewFeatures = 15;  // fewer carry no estimate for long
 
 unsigned char levelOf(const std::string& state) {
@@ -55,6 +56,11 @@ void VioDiagnostics::update() {
 void VioDiagnostics::reportInputs(diagnostic_updater::DiagnosticStatusWrapper& report) {
   if (now_.input_problem) {
     report.summary(DiagnosticStatus::ERROR, *now_.input_problem);
+  } else if (now_.imu_rate > 0.0 && (now_.imu_rate > kRateFactor * now_.expected_imu_rate ||
+                                     now_.expected_imu_rate > kRateFactor * now_.imu_rate)) {
+    report.summaryf(DiagnosticStatus::WARN,
+                    "images %.1f Hz, IMU %.0f Hz, but the rig file's update_rate is %.0f Hz", now_.image_rate,
+                    now_.imu_rate, now_.expected_imu_rate);
   } else {
     report.summaryf(DiagnosticStatus::OK, "images %.1f Hz, IMU %.0f Hz", now_.image_rate, now_.imu_rate);
   }

@@ -98,6 +98,7 @@ void VioRos::cameraInfoCallback(const sensor_msgs::CameraInfo& message) {
   rig.camera = toCameraIntrinsics(message, &problem);
   try {
     if (rig.camera) {
+      rig.completeCamera(&*rig.camera);
       start(rig);
       ROS_INFO_STREAM(name_ << ": intrinsics taken from camera_info, " << rig.camera->width << "x"
                             << rig.camera->height);
@@ -225,6 +226,7 @@ VioHealth VioRos::health() const {
   VioHealth health;
   health.image_rate = inputs_->imageRate();
   health.imu_rate = inputs_->imuRate();
+  health.expected_imu_rate = parameters_.rig.imu_noise.update_rate;
   health.images_skipped = inputs_->imagesSkipped();
   health.input_problem = inputs_->silence();
   if (!health.input_problem) health.input_problem = inputs_->disagreement();

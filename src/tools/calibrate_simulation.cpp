@@ -108,11 +108,14 @@ int calibrate(const Options& options) {
   const ResultFolder folder(options.output_folder, options.force);
   const CalibrationRunResult result = feed(data, &run);
   const Verdict verdict = judgeRun(result.record, options.fix_extrinsics);
-  const ImuBias& bias = data.truth.back().bias;
-  writeResults(folder, result, verdict, rig,
-               {data.rig.T_imu_cam, data.rig.td, bias.gyroscope, bias.accelerometer});
+  PlotTruth truth{data.rig.T_imu_cam, data.rig.td, {}, {}};
+  for (const TruthSample& sample : data.truth) {
+    truth.gyroscope_biases.push_back({sample.stamp, sample.bias.gyroscope});
+    truth.accelerometer_biases.push_back({sample.stamp, sample.bias.accelerometer});
+  }
+  writeResults(folder, result, verdict, rig, truth);
   folder.writeText("truth.tum", truthTumText(data.truth));
-  folder.writeText("truth.yaml", truthExtrinsicsText(data.rig));
+  folder.writeText("truth.yaml", truthExtrinsicsText(data.rig.rig, data.rig.T_imu_cam, data.rig.td));
   std::fputs(closingText(result.record, verdict).c_str(), stdout);
   return verdict.success ? 0 : 2;
 }

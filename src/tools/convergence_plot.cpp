@@ -45,6 +45,10 @@ std::array<Point, 3> yawPitchRollPoints(const CalibrationEstimate& calibration) 
   return points;
 }
 
+std::vector<cv::Point2d> level(double value) {
+  return {{0.0, value}};
+}
+
 Point knownPoint(double value, double sigma, double largest_sigma) {
   if (!(sigma < largest_sigma)) return {};
   return {value, sigma};
@@ -70,11 +74,13 @@ class ConvergencePlot {
   }
 
  private:
-  double seconds(TimeNs stamp) const { return toSeconds(stamp - record_.rows().front().stamp); }
+  double seconds(TimeNs stamp) const {
+    return record_.rows().empty() ? 0.0 : toSeconds(stamp - record_.rows().front().stamp);
+  }
 
   ChartSeries series(const std::string& label, const cv::Scalar& colour, const Quantity& quantity,
                      bool with_band = true) const {
-    ChartSeries result{label, colour, {}, {}, {}, std::nullopt};
+    ChartSeries result{label, colour, {}, {}, {}};
     for (const RunRow& row : record_.rows()) {
       const Point point = quantity(row.calibration);
       result.time.push_back(seconds(row.stamp));
@@ -126,7 +132,7 @@ class ConvergencePlot {
           curve.value[k] = reference + std::remainder(curve.value[k] - reference, 360.0);
         reference = curve.value[k];
       }
-      if (truth_.T_imu_cam) curve.truth = truthAngle(i, curve);
+      if (truth_.T_imu_cam) curve.truth = level(truthAngle(i, curve));
       LineChart chart(names[i], "deg");
       chart.add(curve);
       drawPanel(chart);
@@ -147,7 +153,7 @@ class ConvergencePlot {
         if (!extrinsicsKnown(c)) return Point();
         return Point{c.T_imu_cam.translation(i), std::sqrt(c.covariance(i, i))};
       });
-      if (truth_.T_imu_cam) curve.truth = truth_.T_imu_cam->translation(i);
+      if (truth_.T_imu_cam) curve.truth = level(truth_.T_imu_cam->translation(i));
       LineChart chart(names[i], "m");
       chart.add(curve);
       drawPanel(chart);
@@ -158,7 +164,7 @@ class ConvergencePlot {
     ChartSeries curve = series("", kBlue, [](const CalibrationEstimate& c) {
       return knownPoint(1e3 * c.td, 1e3 * c.sigma_td, 1e3);
     });
-    if (truth_.td) curve.truth = 1e3 * *truth_.td;
+    if (truth_.td) curve.truth = level(1e3 * *truth_.td);
     LineChart chart("Time offset td", "ms");
     chart.add(curve);
     drawPanel(chart);
@@ -166,13 +172,13 @@ class ConvergencePlot {
 
   void drawVector(const std::string& title, const std::string& unit,
                   const std::function<Point(const CalibrationEstimate&, int)>& at,
-                  const std::optional<Eigen::Vector3d>& truth) {
+                  const std::vector<TrueBias>& truth) {
     const std::array<std::pair<const char*, cv::Scalar>, 3> axes{{{"x", kRed}, {"y", kGreen}, {"z", kBlue}}};
     LineChart chart(title, unit);
     for (int i = 0; i < 3; ++i) {
       ChartSeries curve =
           series(axes[i].first, axes[i].second, [&at, i](const CalibrationEstimate& c) { return at(c, i); });
-      if (truth) curve.truth = (*truth)(i);
+      for (const TrueBias& at_time : truth) curve.truth.emplace_back(seconds(at_time.stamp), at_time.bias(i));
       chart.add(curve);
     }
     drawPanel(chart);
@@ -184,13 +190,13 @@ class ConvergencePlot {
         [](const CalibrationEstimate& c, int i) {
           return knownPoint(c.gyroscope_bias(i), c.sigma_gyroscope_bias(i), 10.0);
         },
-        truth_.gyroscope_bias);
+        truth_.gyroscope_biases);
     drawVector(
         "Accelerometer bias", "m/s^2",
         [](const CalibrationEstimate& c, int i) {
           return knownPoint(c.accelerometer_bias(i), c.sigma_accelerometer_bias(i), 10.0);
         },
-        truth_.accelerometer_bias);
+        truth_.accelerometer_biases);
   }
 
   void drawVisualScale() {
@@ -203,13 +209,12 @@ class ConvergencePlot {
   }
 
   void drawGravity() {
-    drawVector(
-        "Gravity in the first keyframe's camera", "m/s^2",
-        [](const CalibrationEstimate& c, int i) {
-          if (c.gravity.norm() == 0.0) return Point();
-          return Point{c.gravity(i), c.gravity.norm() * c.sigma_gravity_direction};
-        },
-        std::nullopt);
+    drawVector("Gravity in the first keyframe's camera", "m/s^2",
+               [](const CalibrationEstimate& c, int i) {
+                 if (c.gravity.norm() == 0.0) return Point();
+                 return Point{c.gravity(i), c.gravity.norm() * c.sigma_gravity_direction};
+               },
+               {});
   }
 
   void drawSingularValues() {

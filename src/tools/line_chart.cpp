@@ -51,6 +51,16 @@ ChartRange padded(ChartRange range) {
   return {range.low - margin, range.high + margin};
 }
 
+// Between the points of a curve, level beyond its ends.
+double valueAt(const std::vector<cv::Point2d>& curve, double time) {
+  const auto after = std::lower_bound(curve.begin(), curve.end(), time,
+                                      [](const cv::Point2d& point, double t) { return point.x < t; });
+  if (after == curve.begin()) return curve.front().y;
+  if (after == curve.end()) return curve.back().y;
+  const cv::Point2d &a = *(after - 1), &b = *after;
+  return a.y + (b.y - a.y) * (time - a.x) / (b.x - a.x);
+}
+
 }  // namespace
 
 std::vector<double> LineChart::ticks(const ChartRange& range, int count) {
@@ -73,7 +83,7 @@ std::vector<double> LineChart::ticks(const ChartRange& range, int count) {
 ChartRange LineChart::valueRange() const {
   ChartRange range{INFINITY, -INFINITY};
   for (const ChartSeries& series : series_) {
-    if (series.truth) include(*series.truth, &range);
+    for (const cv::Point2d& point : series.truth) include(point.y, &range);
     std::vector<std::size_t> known;
     for (std::size_t i = 0; i < series.value.size(); ++i) {
       if (std::isfinite(series.value[i])) known.push_back(i);
@@ -143,10 +153,14 @@ void LineChart::drawCurve(cv::Mat* plot, const ChartSeries& series, const ChartR
 }
 
 void LineChart::drawTruth(cv::Mat* plot, const ChartSeries& series, const ChartRange& range) const {
-  if (!series.truth) return;
-  const int y = toPixel(0.0, *series.truth, range, plot->size()).y;
+  if (series.truth.empty()) return;
+  const double per_pixel = (time_range_.high - time_range_.low) / std::max(1, plot->cols - 1);
+  const auto pixel = [&](int x) {
+    const double time = time_range_.low + per_pixel * x;
+    return cv::Point(x, toPixel(time, valueAt(series.truth, time), range, plot->size()).y);
+  };
   for (int x = 0; x < plot->cols; x += 14)
-    cv::line(*plot, {x, y}, {x + 7, y}, series.colour * 0.6, 1, cv::LINE_AA);
+    cv::line(*plot, pixel(x), pixel(x + 7), series.colour * 0.6, 1, cv::LINE_AA);
 }
 
 void LineChart::drawLegend(cv::Mat* plot) const {

@@ -137,7 +137,15 @@ void LiveRecorder::addTruth(const nav_msgs::Odometry& odometry) {
 }
 
 void LiveRecorder::setTrueExtrinsics(const geometry_msgs::PoseStamped& pose) {
-  true_T_imu_cam_ = toTransform(pose.pose);
+  plot_truth_.T_imu_cam = toTransform(pose.pose);
+}
+
+void LiveRecorder::addTrueGyroscopeBias(const geometry_msgs::Vector3Stamped& bias) {
+  plot_truth_.gyroscope_biases.push_back({toTimeNs(bias.header.stamp), toVector(bias.vector)});
+}
+
+void LiveRecorder::addTrueAccelerometerBias(const geometry_msgs::Vector3Stamped& bias) {
+  plot_truth_.accelerometer_biases.push_back({toTimeNs(bias.header.stamp), toVector(bias.vector)});
 }
 
 double LiveRecorder::secondsSinceFirst() const {
@@ -162,13 +170,14 @@ std::string LiveRecorder::progressLine() const {
   const double sigma_translation_cm = 100.0 * sigmas.head<3>().maxCoeff();
   const Eigen::Vector3d& p = estimate.T_imu_cam.translation;
   const bool whole = extrinsicsKnown(estimate);
-  if (true_T_imu_cam_) {
-    const Eigen::Quaterniond error = true_T_imu_cam_->rotation.conjugate() * estimate.T_imu_cam.rotation;
+  if (plot_truth_.T_imu_cam) {
+    const Eigen::Quaterniond error =
+        plot_truth_.T_imu_cam->rotation.conjugate() * estimate.T_imu_cam.rotation;
     line += format("  rotation off by %.2f deg (sigma %.2f)", logSo3(error).norm() * kDegrees,
                    sigma_rotation_deg);
     if (whole)
       line += format(", translation by %.1f cm (sigma %.1f)",
-                     100.0 * (p - true_T_imu_cam_->translation).norm(), sigma_translation_cm);
+                     100.0 * (p - plot_truth_.T_imu_cam->translation).norm(), sigma_translation_cm);
   } else {
     line += format("  rotation sigma %.2f deg", sigma_rotation_deg);
     if (whole)

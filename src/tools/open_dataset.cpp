@@ -57,7 +57,10 @@ OpenedDataset openDataset(const DatasetRequest& request, const WarningSink& warn
   } else {
     openBag(request, warn, &dataset);
   }
-  if (!dataset.rig.camera) dataset.rig.camera = dataset.source->cameraIntrinsics();
+  if (!dataset.rig.camera) {
+    dataset.rig.camera = dataset.source->cameraIntrinsics();
+    if (dataset.rig.camera) dataset.rig.completeCamera(&*dataset.rig.camera);
+  }
   if (!dataset.rig.camera)
     throw LoadProblems(
         {request.input + ": the camera's intrinsics are not known; give a rig file with --config"});

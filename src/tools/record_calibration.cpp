@@ -120,23 +120,21 @@ void receive(const ProgramOptions& options, LiveRecorder* recorder) {
       nh.subscribe<geometry_msgs::Vector3Stamped>(
           options.rig + "/truth_gyroscope_bias", kQueue,
           [recorder](const geometry_msgs::Vector3StampedConstPtr& message) {
-            recorder->setTrueGyroscopeBias({message->vector.x, message->vector.y, message->vector.z});
+            recorder->addTrueGyroscopeBias(*message);
           }),
       nh.subscribe<geometry_msgs::Vector3Stamped>(
           options.rig + "/truth_accelerometer_bias", kQueue,
           [recorder](const geometry_msgs::Vector3StampedConstPtr& message) {
-            recorder->setTrueAccelerometerBias({message->vector.x, message->vector.y, message->vector.z});
+            recorder->addTrueAccelerometerBias(*message);
           })};
   watch(options, recorder);
 }
 
-void writeTruth(const LiveRecorder& recorder, const ResultFolder& folder) {
+void writeTruth(const LiveRecorder& recorder, const RigModel& rig, const ResultFolder& folder) {
   if (!recorder.truth().empty()) folder.writeText("truth.tum", odometryTumText(recorder.truth()));
-  if (!recorder.trueExtrinsics()) return;
-  SimulatedRig rig;
-  rig.T_imu_cam = *recorder.trueExtrinsics();
-  rig.td = recorder.trueTimeOffset().value_or(0.0);
-  folder.writeText("truth.yaml", truthExtrinsicsText(rig));
+  const PlotTruth& truth = recorder.plotTruth();
+  if (truth.T_imu_cam && rig.camera)
+    folder.writeText("truth.yaml", truthExtrinsicsText(rig, *truth.T_imu_cam, truth.td.value_or(0.0)));
 }
 
 int recordCalibration(const ProgramOptions& options) {
@@ -154,11 +152,9 @@ int recordCalibration(const ProgramOptions& options) {
   if (recorder.empty()) throw LoadProblems({"no message on " + options.nodelet + "/calibration_status"});
   const CalibrationRunResult result = recorder.result();
   const Verdict verdict = judgeRun(result.record, false);
-  writeResults(folder, result, verdict, rig,
-               {recorder.trueExtrinsics(), recorder.trueTimeOffset(), recorder.trueGyroscopeBias(),
-                recorder.trueAccelerometerBias()});
+  writeResults(folder, result, verdict, rig, recorder.plotTruth());
   folder.writeText("live.yaml", recorder.liveText());
-  if (options.asl_folder.empty()) writeTruth(recorder, folder);
+  if (options.asl_folder.empty()) writeTruth(recorder, rig, folder);
   std::printf("%s\n%s", recorder.closingLine().c_str(), closingText(result.record, verdict).c_str());
   return verdict.success || options.exit_zero ? 0 : 2;
 }

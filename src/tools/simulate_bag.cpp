@@ -121,7 +121,8 @@ void simulate(const Options& options) {
   bag.close();
   display.finish();
   writeText(options.truth_csv, truthCsvText(truth));
-  writeText(options.truth_extrinsics, truthExtrinsicsText(rig_at_begin));
+  writeText(options.truth_extrinsics,
+            truthExtrinsicsText(rig_at_begin.rig, rig_at_begin.T_imu_cam, rig_at_begin.td));
   if (!options.quiet) std::fprintf(stderr, "%s: %zu images\n", options.bag.c_str(), truth.size());
 }
 

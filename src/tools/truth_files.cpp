@@ -50,12 +50,12 @@ std::string truthTumText(const std::vector<TruthSample>& truth) {
   return text;
 }
 
-std::string truthExtrinsicsText(const SimulatedRig& rig) {
+std::string truthExtrinsicsText(const RigModel& rig, const Transform& T_imu_cam, double td) {
   KalibrCamchain camchain;
-  camchain.camera = *rig.rig.camera;
-  camchain.image_topic = rig.rig.image_topic;
-  camchain.T_imu_cam = rig.T_imu_cam;
-  camchain.td = rig.td;
+  camchain.camera = rig.camera.value();
+  camchain.image_topic = rig.image_topic;
+  camchain.T_imu_cam = T_imu_cam;
+  camchain.td = td;
   camchain.comment = "The simulated rig's truth.";
   return kalibrCamchainText(camchain);
 }

@@ -54,9 +54,11 @@ class Services(unittest.TestCase):
 
     def test_5_freeze_and_release(self):
         answer = self.freeze(rotation=True, translation=False, time_offset=True)
+        self.assertFalse(answer.success)
+        self.assertIn('no extrinsics to hold yet', answer.message)
+        answer = self.freeze(rotation=False, translation=False, time_offset=True)
         self.assertTrue(answer.success, answer.message)
-        self.assertIn('rotation held', answer.message)
-        self.assertIn('translation free', answer.message)
+        self.assertIn('held: time offset (sigma ', answer.message)
         self.assertTrue(self.freeze(rotation=False, translation=False, time_offset=False).success)
 
     def test_6_save_says_why_not(self):

@@ -104,8 +104,8 @@ void draw(const char* path, const ChartSeries& paper, const ChartSeries& joint) 
 
 TEST(GyroscopeBiasSweep, TheJointSolutionDoesNotDependOnTheBias) {
   const char* drawn = std::getenv("AUTOCAL_VIO_SWEEP_PNG");
-  ChartSeries paper{"singular vector, worst", cv::Scalar(40, 40, 200), {}, {}, {}, std::nullopt};
-  ChartSeries joint{"joint solution, worst", cv::Scalar(160, 80, 20), {}, {}, {}, std::nullopt};
+  ChartSeries paper{"singular vector, worst", cv::Scalar(40, 40, 200), {}, {}, {}};
+  ChartSeries joint{"joint solution, worst", cv::Scalar(160, 80, 20), {}, {}, {}};
   for (int step = 0; step <= 8; step += drawn ? 1 : 2) {
     const double bias = 0.025 * step;
     double paper_worst = 0.0, joint_worst = 0.0, bias_worst = 0.0;

@@ -78,6 +78,52 @@ TEST(HeldCalibration, FrozenPartsKeepTheirBitsWhileTheRestMovesAndGoOnWhenReleas
   expectCalibrated(run, stream.data(), 0.2, 0.015);
 }
 
+// What is held before anything is known would be the first rough estimate for ever.
+TEST(HeldCalibration, NothingIsHeldThatIsNotKnownYet) {
+  const Stream stream = eurocStream(4, 12.0);
+  bool refused = false, held = false, released = false;
+  const auto script = [&](double time, VioSystem* system) {
+    std::string problem;
+    if (!refused && time > 1.0) {
+      EXPECT_FALSE(system->freeze({true, false, false}, &problem));
+      EXPECT_NE(problem.find("no extrinsics to hold yet"), std::string::npos) << problem;
+      EXPECT_TRUE(system->freeze({false, false, true})) << "the time offset has a value from the beginning";
+      EXPECT_TRUE(system->freeze({false, false, false}));
+      refused = true;
+    }
+    if (!held && time > 7.0) held = system->freeze({true, true, false}, &problem);
+    if (!released && time > 8.0) system->reset(false), released = true;
+  };
+  const FaultRun run = runStream(stream, stream.data().rig.rig, VioOptions(), script);
+  EXPECT_TRUE(refused && held && released);
+  EXPECT_EQ(run.before(7.9).update.state, VioState::kFrozen);
+  EXPECT_TRUE(run.last().update.odometry);
+  EXPECT_NE(run.last().update.state, VioState::kFrozen) << "from nothing there is nothing to hold";
+}
+
+TEST(HeldCalibration, FixedExtrinsicsAreNotReleased) {
+  const Stream stream = eurocStream(1, 8.0);
+  const RigModel rig = rigWithPrior(stream.data(), 0.1, 0.003);
+  VioOptions options;
+  options.fix_extrinsics = true;
+  bool done = false;
+  const auto script = [&done](double time, VioSystem* system) {
+    if (done || time < 4.0) return;
+    std::string problem;
+    EXPECT_FALSE(system->freeze({false, false, false}, &problem));
+    EXPECT_NE(problem.find("fix_extrinsics"), std::string::npos) << problem;
+    EXPECT_FALSE(system->freeze({true, false, true}));
+    EXPECT_TRUE(system->freeze({true, true, true}));
+    system->reset(false);
+    done = true;
+  };
+  const FaultRun run = runStream(stream, rig, options, script);
+  EXPECT_TRUE(done);
+  for (const FaultRecord& r : run.records)
+    ASSERT_TRUE(identical(r.update.calibration.T_imu_cam, rig.extrinsics_prior->T_imu_cam)) << r.time;
+  EXPECT_EQ(run.last().update.state, VioState::kFrozen);
+}
+
 TEST(HeldCalibration, FrozenSurvivesALossAndStaysUncertainAsItWas) {
   Stream stream = eurocStream(3, 30.0);
   stream.removeImu(16.0, 17.0);

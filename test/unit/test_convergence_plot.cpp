@@ -31,7 +31,7 @@ TEST(LineChart, TicksAreRoundAndInside) {
 
 TEST(LineChart, RangeIgnoresTheFirstGuessesButHoldsTheTruth) {
   LineChart chart("title", "m");
-  ChartSeries series{"", kColour, {}, {}, {}, 3.0};
+  ChartSeries series{"", kColour, {}, {}, {}, {{0.0, 3.0}}};
   for (int i = 0; i < 90; ++i) {
     series.time.push_back(i);
     series.value.push_back(i < 20 ? 1e6 : 2.0);
@@ -48,7 +48,7 @@ TEST(LineChart, RangeIgnoresTheFirstGuessesButHoldsTheTruth) {
 TEST(LineChart, DrawsTheCurveWhereItBelongs) {
   LineChart chart("title", "m");
   chart.setTimeRange({0.0, 1.0});
-  ChartSeries series{"", kColour, {0.0, 0.25, 0.5, 0.75, 1.0}, {0.0, 0.25, 0.5, 0.75, 1.0}, {}, std::nullopt};
+  ChartSeries series{"", kColour, {0.0, 0.25, 0.5, 0.75, 1.0}, {0.0, 0.25, 0.5, 0.75, 1.0}, {}};
   chart.add(series);
   cv::Mat image(400, 600, CV_8UC3, cv::Scalar::all(255));
   chart.draw(&image, {0, 0, 600, 400});
@@ -60,10 +60,25 @@ TEST(LineChart, DrawsTheCurveWhereItBelongs) {
   EXPECT_EQ(countColour(image, {frame.tl(), half}, kColour), 0);
 }
 
+// A truth that walks is not its last value all along.
+TEST(LineChart, DrawsATruthThatChangesWhereItBelongs) {
+  LineChart chart("title", "m");
+  chart.setTimeRange({0.0, 1.0});
+  chart.add({"", cv::Scalar(0, 0, 400), {}, {}, {}, {{0.3, 0.0}, {0.7, 1.0}}});
+  cv::Mat image(400, 600, CV_8UC3, cv::Scalar::all(255)), red;
+  chart.draw(&image, {0, 0, 600, 400});
+  cv::inRange(image, cv::Scalar(0, 0, 150), cv::Scalar(140, 140, 255), red);
+  const cv::Rect frame(78, 30, 504, 334);
+  const cv::Size quarter(frame.width / 4, frame.height / 4);
+  EXPECT_GT(cv::countNonZero(red({{frame.x, frame.y + frame.height - quarter.height}, quarter})), 20);
+  EXPECT_GT(cv::countNonZero(red({{frame.x + frame.width - quarter.width, frame.y}, quarter})), 20);
+  EXPECT_EQ(cv::countNonZero(red({frame.tl(), quarter})), 0);
+}
+
 TEST(LineChart, TextsOfATinyRangeFitBesideTheFrame) {
   for (double value : {0.0, -0.012, 1234.5, -123.4}) {
     LineChart chart("title", "m");
-    chart.add({"", kColour, {0.0, 0.5, 1.0}, {value, value + 1e-9, value}, {}, std::nullopt});
+    chart.add({"", kColour, {0.0, 0.5, 1.0}, {value, value + 1e-9, value}, {}});
     cv::Mat image(400, 600, CV_8UC3, cv::Scalar::all(255));
     chart.draw(&image, {0, 0, 600, 400});
     EXPECT_EQ(cv::mean(image.colRange(0, 2)), cv::Scalar(255, 255, 255, 0)) << value;
@@ -75,9 +90,9 @@ TEST(LineChart, SurvivesGapsInfinitiesAndNothing) {
   LineChart("empty", "").draw(&image, {0, 0, 600, 400});
   LineChart chart("title", "m");
   const double nan = std::numeric_limits<double>::quiet_NaN(), inf = std::numeric_limits<double>::infinity();
-  chart.add({"a", kColour, {0, 1, 2, 3, 4}, {nan, 1.0, 1e300, -inf, 2.0}, {1, 1, inf, nan, 1}, 1.0});
+  chart.add({"a", kColour, {0, 1, 2, 3, 4}, {nan, 1.0, 1e300, -inf, 2.0}, {1, 1, inf, nan, 1}, {{0.0, 1.0}}});
   chart.draw(&image, {0, 0, 600, 400});
-  chart.add({"b", kColour, {0, 1}, {nan, nan}, {nan, nan}, std::nullopt});
+  chart.add({"b", kColour, {0, 1}, {nan, nan}, {nan, nan}});
   chart.draw(&image, {0, 0, 600, 400});
   EXPECT_LT(cv::mean(image)[0], 255.0);
 }
@@ -107,9 +122,9 @@ TEST(ConvergencePlot, WhatIsKnownToBeTrueIsDrawn) {
   EXPECT_TRUE(changes());
   truth.td = 0.005;
   EXPECT_TRUE(changes());
-  truth.gyroscope_bias = last.gyroscope_bias;
+  truth.gyroscope_biases = {{0, last.gyroscope_bias}};
   EXPECT_TRUE(changes());
-  truth.accelerometer_bias = last.accelerometer_bias;
+  truth.accelerometer_biases = {{0, last.accelerometer_bias}};
   EXPECT_TRUE(changes());
 }
 

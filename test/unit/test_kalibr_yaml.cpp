@@ -118,6 +118,15 @@ TEST(AtomicFile, ReplacesAndLeavesNothingBeside) {
   EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder.path()), {}), 1);
 }
 
+TEST(AtomicFile, ASymbolicLinkStaysOne) {
+  const TemporaryFolder folder;
+  const std::string path = folder.write("file", "old"), link = folder.path("link");
+  std::filesystem::create_symlink("file", link);
+  EXPECT_EQ(writeFileAtomically(link, "new"), std::nullopt);
+  EXPECT_TRUE(std::filesystem::is_symlink(link));
+  EXPECT_EQ(readWholeFile(path), "new");
+}
+
 TEST(AtomicFile, FailureNamesTheReasonAndLeavesNothing) {
   const TemporaryFolder folder;
   const std::optional<std::string> missing = writeFileAtomically(folder.path("no/such/folder/file"), "new");

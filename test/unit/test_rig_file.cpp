@@ -234,6 +234,26 @@ imu0:
   EXPECT_EQ(problems.size(), 8u) << ::testing::PrintToString(problems);
 }
 
+// Of a webcam, whose intrinsics camera_info gives and whose shutter rolls.
+TEST(RigFile, WhatCameraInfoDoesNotSayIsReadWithoutIntrinsics) {
+  const TemporaryFolder folder;
+  const auto rigWith = [&folder](const std::string& keys) {
+    return folder.write("rig.yaml", "cam0:\n  rostopic: /image\n" + keys + kImu);
+  };
+  RigModel rig = loadRigFile(rigWith("  readout_time: 0.02\n  sigma_principal_point: 2\n"));
+  EXPECT_FALSE(rig.camera);
+  CameraIntrinsics camera;
+  rig.completeCamera(&camera);
+  EXPECT_EQ(camera.readout_time, 0.02);
+  EXPECT_EQ(camera.sigma_principal_point, 2.0);
+  rig = loadRigFile(rigWith(""));
+  rig.completeCamera(&camera);
+  EXPECT_EQ(camera.readout_time, 0.02) << "nothing said, nothing changed";
+  const std::vector<std::string> problems = problemsOf(rigWith("  readout_time: 2\n"));
+  ASSERT_EQ(problems.size(), 1u) << ::testing::PrintToString(problems);
+  EXPECT_TRUE(anyContains(problems, "readout_time must be within"));
+}
+
 TEST(RigFile, WhatCannotBeReadIsComplainedAboutOnce) {
   const TemporaryFolder folder;
   std::string camera(kCamera);

@@ -110,6 +110,32 @@ TEST(BaseFrame, ComesFromTheRobotDescription) {
   EXPECT_EQ(none.childFrame("imu"), "imu");
 }
 
+TEST(BaseFrame, ThatMovesInTfIsNamedAndNotUsed) {
+  for (const bool moves : {false, true}) {
+    int asked = 0;
+    const TfLookup tf = [&](const std::string& target, const std::string& source) {
+      if (++asked == 1) throw tf2::LookupException("not yet");
+      EXPECT_EQ(target + " " + source, "imu base_link");
+      geometry_msgs::TransformStamped found;
+      found.transform.rotation.w = 1.0;
+      found.transform.translation.x = 0.1 + (moves && asked > 50 ? 0.01 : 0.0);
+      return found;
+    };
+    BaseFrame frame("base_link", std::nullopt, tf);
+    std::string problem;
+    EXPECT_FALSE(frame.inImu("imu", &problem));
+    EXPECT_NE(problem.find("not yet"), std::string::npos) << problem;
+    const auto first = frame.inImu("imu", &problem);
+    ASSERT_TRUE(first);
+    EXPECT_EQ(first->translation.x(), 0.1);
+    for (int i = 0; i < 1000; ++i) frame.inImu("imu", &problem);
+    problem.clear();
+    EXPECT_EQ(frame.inImu("imu", &problem).has_value(), !moves);
+    EXPECT_EQ(problem.find("moves on 'imu'") != std::string::npos, moves) << problem;
+    EXPECT_LT(asked, 300) << "asked for ever";
+  }
+}
+
 TEST(OdometryConversion, CovarianceOfTheBaseMatchesMonteCarlo) {
   const MotionState state = someMotion();
   const Transform T_imu_base(Eigen::Quaterniond::Identity(), Eigen::Vector3d(0.3, -0.1, 0.2));

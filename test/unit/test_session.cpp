@@ -127,11 +127,11 @@ TEST_F(SessionTest, WhatItKnowsOutlivesALossForWantOfData) {
 
 TEST_F(SessionTest, HeldExtrinsicsAreFrozenAndReleasedOnesEstimated) {
   Session session = makeSession();
-  session.hold(true, true, false);
+  session.hold({true, true, false});
   ASSERT_TRUE(feed(&session, 6.0));
   EXPECT_EQ(update_.state, VioState::kFrozen);
   EXPECT_TRUE(update_.calibration.T_imu_cam.translation.isApprox(data_->rig.T_imu_cam.translation, 0.0));
-  session.hold(false, false, false);
+  session.hold({false, false, false});
   ASSERT_TRUE(feed(&session, 7.8)) << update_.reason;
   EXPECT_NE(update_.state, VioState::kFrozen);
   EXPECT_FALSE(update_.calibration.T_imu_cam.translation.isApprox(data_->rig.T_imu_cam.translation, 0.0));
@@ -140,18 +140,33 @@ TEST_F(SessionTest, HeldExtrinsicsAreFrozenAndReleasedOnesEstimated) {
 TEST_F(SessionTest, ReleasedExtrinsicsAreNotCalledPerfect) {
   Session session = makeSession();
   ASSERT_TRUE(feed(&session, 4.5));
-  session.hold(true, true, true);
+  session.hold({true, true, true});
   ASSERT_TRUE(feed(&session, 7.01));
   // Again and again: between keyframes, too.
   for (double t = 7.06; t < 7.5; t += 0.05) {
-    session.hold(false, false, false);
+    session.hold({false, false, false});
     ASSERT_TRUE(feed(&session, t));
     EXPECT_NE(update_.state, VioState::kFrozen);
     EXPECT_EQ(update_.reason.find("known to 0 "), std::string::npos) << t << ": " << update_.reason;
-    session.hold(true, true, true);
+    session.hold({true, true, true});
     ASSERT_TRUE(feed(&session, t += 0.05));
     EXPECT_EQ(update_.state, VioState::kFrozen);
   }
+}
+
+// Held at a first rough value it is frozen, not found out: "translation to 0 mm" it was once, and converged.
+TEST_F(SessionTest, AHeldPartIsNeverCalledConverged) {
+  Session session = makeSession();
+  ASSERT_TRUE(feed(&session, 2.5));
+  for (double t = 2.5; !session.estimating() && t < 7.0; t += 0.05) ASSERT_TRUE(feed(&session, t));
+  ASSERT_TRUE(session.estimating());
+  session.hold({false, true, false});
+  const double sigma = session.knowledge()->extrinsics.sigma_translation;
+  ASSERT_TRUE(feed(&session, 7.9));
+  EXPECT_EQ(update_.state, VioState::kFrozen);
+  EXPECT_EQ(update_.reason.find("held: translation (sigma "), 0U) << update_.reason;
+  EXPECT_EQ(update_.reason.find("translation to"), std::string::npos) << update_.reason;
+  EXPECT_NEAR(session.knowledge()->extrinsics.sigma_translation, sigma, 1e-9);
 }
 
 TEST_F(SessionTest, TheRotationIsNeverKnownBetterThanTheImagesAre) {

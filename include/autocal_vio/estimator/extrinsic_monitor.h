@@ -36,7 +36,7 @@ struct ExtrinsicMonitorOptions {
 };
 
 /// One estimate of the calibration with its covariance, order [p_BC, theta], and time offset. The covariance is that of the
-/// data alone (see WithoutPrior): what was given beforehand is no evidence. A variance of zero is a part that is held.
+/// data alone (see WithoutPrior): what was given beforehand is no evidence.
 struct CalibrationSample {
   TimeNs stamp = 0;
   Transform T_BC;
@@ -45,6 +45,8 @@ struct CalibrationSample {
   Eigen::Matrix<double, 6, 1> pull = Eigen::Matrix<double, 6, 1>::Zero();
   double td = 0.0;
   double sigma_td = 1.0;
+  /// Parts that are held: nobody waits for them, and nothing is said of them.
+  bool translation_held = false, rotation_held = false, td_held = false;
 };
 
 class ExtrinsicMonitor {

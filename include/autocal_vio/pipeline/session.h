@@ -26,7 +26,8 @@ class Session {
   /// False when the estimate was lost; the session is then of no further use.
   bool process(const FeatureFrame& frame, const ImuBuffer& imu, VioUpdate* update);
 
-  void hold(bool rotation, bool translation, bool time_offset);
+  /// Parts without a value yet are held from the first estimate on.
+  void hold(const FreezeSelection& parts);
 
   bool estimating() const { return estimator_ != nullptr; }
   /// Present time offset [s].
@@ -36,14 +37,16 @@ class Session {
   std::optional<Eigen::Matrix3d> predictedRotation(TimeNs previous, TimeNs current,
                                                    const ImuBuffer& imu) const;
   /// The calibration so far as a prior for the next session; nothing where it never got that far. Once the estimate
-  /// has diverged, only what had converged before counts.
-  std::optional<CalibrationKnowledge> knowledge() const { return record_.knowledge(calibration_trust_); }
+  /// has diverged, only what had converged before counts, and what is held.
+  std::optional<CalibrationKnowledge> knowledge() const {
+    return record_.knowledge(calibration_trust_, areExtrinsicsHeld());
+  }
   /// What the data have found wrong with the extrinsics that the session began with, in words; empty: nothing.
   const std::string& priorProblem() const { return prior_problem_; }
   /// The same of the time offset that it began with, which is not used any more then.
   const std::string& timeOffsetProblem() const { return time_offset_problem_; }
   /// True once they are no longer used for it.
-  bool priorContradicted() const { return !prior_problem_.empty() && !hold_rotation_ && !hold_translation_; }
+  bool priorContradicted() const { return !prior_problem_.empty() && !areExtrinsicsHeld(); }
   /// True where they were the user's, not those of a session before.
   bool priorGiven() const { return given_; }
   /// True where the camera has moved on its mount, or the data say that it may have: what was known holds to within a bump.
@@ -58,6 +61,7 @@ class Session {
   const std::optional<Transform>& lastPose() const { return last_pose_; }
 
  private:
+  bool areExtrinsicsHeld() const { return held_.rotation || held_.translation; }
   /// From what was given beforehand, of three axes together.
   struct Strain {
     double of_estimate = 0.0, of_data = 0.0;  ///< [sigmas]
@@ -100,7 +104,7 @@ class Session {
   std::string prior_problem_;             ///< what is wrong with it, in words
   TimeOffsetPrior time_offset_prior_;     ///< as given
   std::string time_offset_problem_;       ///< what is wrong with it, in words
-  bool hold_rotation_ = false, hold_translation_ = false, hold_td_ = false;
+  FreezeSelection held_;
 };
 
 }  // namespace autocal_vio

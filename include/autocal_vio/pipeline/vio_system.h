@@ -24,13 +24,6 @@ struct ImageFrame {
   cv::Mat image;  ///< CV_8UC1, size of the camera model
 };
 
-/// Parts of the calibration that are held.
-struct FreezeSelection {
-  bool rotation = false;
-  bool translation = false;
-  bool time_offset = false;
-};
-
 class VioSystem {
  public:
   using UpdateSink = std::function<void(const VioUpdate&)>;
@@ -54,12 +47,13 @@ class VioSystem {
   /// Adds tracks instead of an image (feature-level simulation and tests).
   bool addFeatures(const FeatureFrame& frame, std::string* problem = nullptr);
 
-  /// Starts anew. `keep_calibration`: goes on with the calibration as a prior; otherwise from nothing.
-  /// The odometry goes on from the last pose.
+  /// Starts anew. `keep_calibration`: goes on with the calibration as a prior, and holds what is held; otherwise from what
+  /// the rig file gives, and what was held is released. The odometry goes on from the last pose.
   void reset(bool keep_calibration);
 
-  /// Holds or releases parts of the calibration. Held parts keep every bit.
-  void freeze(const FreezeSelection& selection);
+  /// Holds the parts of `selection` and releases the others. Held parts keep every bit. False, with nothing changed, where
+  /// there are no extrinsics to hold yet, or where VioOptions::fix_extrinsics holds them; `problem` (optional) says why.
+  bool freeze(const FreezeSelection& selection, std::string* problem = nullptr);
 
   const CameraModel& camera() const;
 

@@ -63,6 +63,18 @@ struct CalibrationEstimate {
   double pixel_sigma = 1.0;                                           ///< [px]
 };
 
+/// Parts of the calibration that are held.
+struct FreezeSelection {
+  bool rotation = false;
+  bool translation = false;
+  bool time_offset = false;
+
+  bool any() const { return rotation || translation || time_offset; }
+};
+
+/// What is held, and how well that is known: "rotation (sigma 0.05 deg), translation (sigma 4 mm)".
+std::string heldText(const FreezeSelection& held, const CalibrationEstimate& calibration);
+
 /// CPU time of one image's stages [ms].
 struct StageTimes {
   double tracking_ms = 0.0;

@@ -37,11 +37,19 @@ struct TimeOffsetPrior {
 
 struct RigModel {
   std::optional<CameraIntrinsics> camera;  ///< absent: taken from camera_info
+  /// What camera_info does not say of a camera, where the rig file does (see CameraIntrinsics).
+  std::optional<double> sigma_principal_point, readout_time;
   ImuNoise imu_noise;
   std::optional<ExtrinsicsPrior> extrinsics_prior;
   TimeOffsetPrior time_offset_prior;
   std::string image_topic;  ///< rostopic of cam0, may be empty
   std::string imu_topic;    ///< rostopic of imu0, may be empty
+
+  /// Puts them into a camera that camera_info describes.
+  void completeCamera(CameraIntrinsics* intrinsics) const {
+    if (sigma_principal_point) intrinsics->sigma_principal_point = *sigma_principal_point;
+    if (readout_time) intrinsics->readout_time = *readout_time;
+  }
 };
 
 }  // namespace autocal_vio

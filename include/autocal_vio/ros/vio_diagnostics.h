@@ -19,6 +19,7 @@ struct VioHealth {
   CalibrationStatus status;          ///< the last one published
   double image_rate = 0.0;           ///< [Hz]
   double imu_rate = 0.0;             ///< [Hz]
+  double expected_imu_rate = 0.0;    ///< the rig file's update_rate [Hz]
   std::uint64_t images_skipped = 0;  ///< the camera is faster than ~max_image_rate
   std::optional<std::string> input_problem;
   OutputHealth outputs;

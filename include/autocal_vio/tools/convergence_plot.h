@@ -5,17 +5,24 @@
 #include <opencv2/core.hpp>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "autocal_vio/tools/run_record.h"
 
 namespace autocal_vio {
 
+/// A bias as it was at a time of the camera's clock.
+struct TrueBias {
+  TimeNs stamp = 0;
+  Eigen::Vector3d bias = Eigen::Vector3d::Zero();
+};
+
 /// Truth to draw as dashed lines, where known.
 struct PlotTruth {
   std::optional<Transform> T_imu_cam;
-  std::optional<double> td;                           ///< [s]
-  std::optional<Eigen::Vector3d> gyroscope_bias;      ///< at the end of the run, in B [rad/s]
-  std::optional<Eigen::Vector3d> accelerometer_bias;  ///< likewise [m/s^2]
+  std::optional<double> td;                    ///< [s]
+  std::vector<TrueBias> gyroscope_biases;      ///< in B [rad/s], in order of time
+  std::vector<TrueBias> accelerometer_biases;  ///< likewise [m/s^2]
 };
 
 /// Twelve panels over time: yaw, pitch and roll of R_imu_cam, translation, time offset, biases, scale,

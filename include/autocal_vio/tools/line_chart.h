@@ -2,7 +2,6 @@
 #pragma once
 
 #include <opencv2/core.hpp>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -14,8 +13,9 @@ struct ChartSeries {
   cv::Scalar colour;
   std::vector<double> time;  ///< [s]
   std::vector<double> value;
-  std::vector<double> sigma;    ///< a band of 3 sigma around the curve; empty: none
-  std::optional<double> truth;  ///< dashed line in the curve's colour
+  std::vector<double> sigma;  ///< a band of 3 sigma around the curve; empty: none
+  /// (time, value), in order of time: dashed in the curve's colour, level before the first and after the last.
+  std::vector<cv::Point2d> truth = {};
 };
 
 /// A vertical line.

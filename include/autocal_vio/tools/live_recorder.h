@@ -3,6 +3,7 @@
 
 #include <autocal_vio/CalibrationStatus.h>
 #include <geometry_msgs/PoseStamped.h>
+#include <geometry_msgs/Vector3Stamped.h>
 #include <nav_msgs/Odometry.h>
 #include <tf2_msgs/TFMessage.h>
 
@@ -12,6 +13,7 @@
 #include <vector>
 
 #include "autocal_vio/tools/calibration_run.h"
+#include "autocal_vio/tools/convergence_plot.h"
 
 namespace autocal_vio {
 
@@ -31,10 +33,10 @@ class LiveRecorder {
   void addTransforms(const tf2_msgs::TFMessage& message);
   void addTruth(const nav_msgs::Odometry& odometry);
   void setTrueExtrinsics(const geometry_msgs::PoseStamped& pose);
-  void setTrueExtrinsics(const Transform& T_imu_cam) { true_T_imu_cam_ = T_imu_cam; }
-  void setTrueTimeOffset(double td) { true_td_ = td; }
-  void setTrueGyroscopeBias(const Eigen::Vector3d& bias) { true_gyroscope_bias_ = bias; }
-  void setTrueAccelerometerBias(const Eigen::Vector3d& bias) { true_accelerometer_bias_ = bias; }
+  void setTrueExtrinsics(const Transform& T_imu_cam) { plot_truth_.T_imu_cam = T_imu_cam; }
+  void setTrueTimeOffset(double td) { plot_truth_.td = td; }
+  void addTrueGyroscopeBias(const geometry_msgs::Vector3Stamped& bias);
+  void addTrueAccelerometerBias(const geometry_msgs::Vector3Stamped& bias);
 
   bool empty() const { return updates_.empty(); }
   /// Signs of input: images' statuses, odometry, clock, truth. No more of them means that the input has ended.
@@ -49,10 +51,7 @@ class LiveRecorder {
   /// As of an offline run: each image's status with the odometry of the same stamp; CPU times as the nodelet states them.
   CalibrationRunResult result() const;
   const std::vector<RunRow>& truth() const { return truth_; }
-  const std::optional<Transform>& trueExtrinsics() const { return true_T_imu_cam_; }
-  std::optional<double> trueTimeOffset() const { return true_td_; }
-  const std::optional<Eigen::Vector3d>& trueGyroscopeBias() const { return true_gyroscope_bias_; }
-  const std::optional<Eigen::Vector3d>& trueAccelerometerBias() const { return true_accelerometer_bias_; }
+  const PlotTruth& plotTruth() const { return plot_truth_; }
 
   /// Images processed and dropped, and how late the results came.
   std::string closingLine() const;
@@ -71,10 +70,8 @@ class LiveRecorder {
   std::vector<double> odometry_delays_ms_;
   std::map<TimeNs, Transform> odometry_;  ///< T_odom_imu by stamp of the image
   std::vector<RunRow> truth_;
-  std::optional<Transform> true_T_imu_cam_;
-  std::optional<double> true_td_;
-  std::optional<Eigen::Vector3d> true_gyroscope_bias_, true_accelerometer_bias_;  ///< the newest
-  std::map<std::string, std::size_t> transform_counts_;                           ///< by parent frame
+  PlotTruth plot_truth_;
+  std::map<std::string, std::size_t> transform_counts_;  ///< by parent frame
   std::size_t imu_odometry_count_ = 0;
   std::uint64_t imu_dropped_ = 0;
 };

@@ -4,7 +4,8 @@
 #include <string>
 #include <vector>
 
-#include "autocal_vio/sim/simulated_rig.h"
+#include "autocal_vio/geometry/transform.h"
+#include "autocal_vio/rig/rig_model.h"
 #include "autocal_vio/sim/truth_sample.h"
 
 namespace autocal_vio {
@@ -16,7 +17,7 @@ std::string truthCsvText(const std::vector<TruthSample>& truth);
 /// "stamp tx ty tz qx qy qz qw" with the images' stamps.
 std::string truthTumText(const std::vector<TruthSample>& truth);
 
-/// True T_cam_imu and time offset in Kalibr's form.
-std::string truthExtrinsicsText(const SimulatedRig& rig);
+/// True T_cam_imu and time offset in Kalibr's form; `rig` must have the camera's intrinsics.
+std::string truthExtrinsicsText(const RigModel& rig, const Transform& T_imu_cam, double td);
 
 }  // namespace autocal_vio
