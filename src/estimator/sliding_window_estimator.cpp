@@ -282,6 +282,21 @@ void SlidingWindowEstimator::updateCovariance(FrameId frame) {
   if (!covariance) return;
   covariance_ = std::move(covariance);
   covariance_frame_ = frame;
+  covariance_attitude_ = graph_.findFrame(frame)->T_WB().rotation;
+}
+
+std::optional<Matrix15d> SlidingWindowEstimator::motionCovariance() const {
+  if (!covariance_) return std::nullopt;
+  const BlockKey pose{covariance_frame_, BlockKind::kPose}, motion{covariance_frame_, BlockKind::kMotion};
+  Matrix15d result;
+  result.topLeftCorner<6, 6>() = covariance_->block(pose);
+  result.topRightCorner<6, 9>() = covariance_->block(pose, motion);
+  result.bottomLeftCorner<9, 6>() = result.topRightCorner<6, 9>().transpose();
+  result.bottomRightCorner<9, 9>() = covariance_->block(motion);
+  // Rotation from that body's axes to W's: its axes, for the newest one's have turned since.
+  Matrix15d to_W = Matrix15d::Identity();
+  to_W.block<3, 3>(3, 3) = covariance_attitude_.toRotationMatrix();
+  return Matrix15d(to_W * result * to_W.transpose());
 }
 
 double SlidingWindowEstimator::positionSigma() const {

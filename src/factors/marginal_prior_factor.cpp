@@ -15,17 +15,15 @@ bool hasQuaternion(int ambient) {
   return ambient == 7 || ambient == 4;
 }
 
-// x [-] x0 with rotations Log(q0^-1 q).
-Eigen::VectorXd boxMinus(const double* x, const PriorState& x0) {
+// x [-] x0 with rotations Log(q0^-1 q), into `difference`.
+void boxMinus(const double* x, const PriorState& x0, Eigen::Ref<Eigen::VectorXd> difference) {
   const int ambient = static_cast<int>(x0.size());
-  Eigen::VectorXd difference(tangentSizeOf(ambient));
   const int plain = hasQuaternion(ambient) ? ambient - 4 : ambient;
   for (int i = 0; i < plain; ++i) difference(i) = x[i] - x0(i);
   if (hasQuaternion(ambient)) {
     const Eigen::Map<const Eigen::Quaterniond> q(x + plain), q0(x0.data() + plain);
     difference.tail<3>() = logSo3(q0.conjugate() * q);
   }
-  return difference;
 }
 
 }  // namespace
@@ -40,15 +38,17 @@ MarginalPriorFactor::MarginalPriorFactor(const std::vector<PriorState>& lineariz
 
 bool MarginalPriorFactor::Evaluate(double const* const* parameters, double* residuals,
                                    double** jacobians) const {
-  Eigen::VectorXd difference(jacobian_.cols());
+  thread_local Eigen::VectorXd difference;  // the solver's innermost loop: no memory is taken from the heap
+  difference.resize(jacobian_.cols());
   int column = 0;
   for (std::size_t i = 0; i < linearization_points_.size(); ++i) {
-    const Eigen::VectorXd d = boxMinus(parameters[i], linearization_points_[i]);
-    difference.segment(column, d.size()) = d;
-    column += static_cast<int>(d.size());
+    const int tangent = tangentSizeOf(static_cast<int>(linearization_points_[i].size()));
+    boxMinus(parameters[i], linearization_points_[i], difference.segment(column, tangent));
+    column += tangent;
   }
   Eigen::Map<Eigen::VectorXd> residual(residuals, residual_.size());
-  residual = residual_ + jacobian_ * difference;
+  residual = residual_;
+  residual.noalias() += jacobian_ * difference;
   if (!jacobians) return true;
 
   column = 0;
@@ -62,7 +62,7 @@ bool MarginalPriorFactor::Evaluate(double const* const* parameters, double* resi
         const Eigen::Map<const Eigen::Quaterniond> q(parameters[i] + plain);
         const Eigen::Matrix<double, 3, 4> chain =
             rightJacobianInverseSo3(difference.segment<3>(column + plain)) * rotationByQuaternion(q);
-        J.rightCols<4>() = jacobian_.middleCols<3>(column + plain) * chain;
+        J.rightCols<4>().noalias() = jacobian_.middleCols<3>(column + plain) * chain;
       }
     }
     column += tangent;

@@ -46,17 +46,25 @@ void propagate(const ImuSample& begin, const ImuSample& end, const ImuBias& bias
                                          R_end * (end.acceleration - bias.accelerometer));
   const Eigen::Vector3d acceleration_W = force_W + gravity_W;
 
-  // Errors: position, rotation about W's axes, velocity. A tilt turns the specific force.
-  Matrix9d F = Matrix9d::Identity();
+  // Errors: position, rotation about W's axes, velocity, biases. A tilt turns the specific force.
+  const Eigen::Matrix3d R = R_begin.toRotationMatrix();
+  Matrix15d F = Matrix15d::Identity();
   F.block<3, 3>(0, 3) = -0.5 * dt * dt * skew(force_W);
   F.block<3, 3>(0, 6) = dt * Eigen::Matrix3d::Identity();
   F.block<3, 3>(6, 3) = -dt * skew(force_W);
+  F.block<3, 3>(3, 9) = -dt * R;
+  F.block<3, 3>(6, 12) = -dt * R;
+  F.block<3, 3>(0, 12) = -0.5 * dt * dt * R;
   const double accel_variance = noise.accelerometer_noise_density * noise.accelerometer_noise_density;
   const double gyro_variance = noise.gyroscope_noise_density * noise.gyroscope_noise_density;
-  Matrix9d covariance = F * state->covariance * F.transpose();
+  const double accel_walk = noise.accelerometer_random_walk * noise.accelerometer_random_walk;
+  const double gyro_walk = noise.gyroscope_random_walk * noise.gyroscope_random_walk;
+  Matrix15d covariance = F * state->covariance * F.transpose();
   covariance.diagonal().segment<3>(0).array() += accel_variance * dt * dt * dt / 3.0;
   covariance.diagonal().segment<3>(3).array() += gyro_variance * dt;
   covariance.diagonal().segment<3>(6).array() += accel_variance * dt;
+  covariance.diagonal().segment<3>(9).array() += gyro_walk * dt;
+  covariance.diagonal().segment<3>(12).array() += accel_walk * dt;
 
   state->stamp = end.stamp;
   state->T_WB.translation += dt * state->velocity_W + 0.5 * dt * dt * acceleration_W;

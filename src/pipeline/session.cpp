@@ -304,20 +304,13 @@ void Session::fillOdometry(VioUpdate* update) const {
   odometry.velocity_W = T_odom_W_.rotation * frame.velocity();
   odometry.origin_stamp_imu = origin_stamp_imu_;
   odometry.T_odom_origin = T_odom_W_ * T_W_origin_;
-  if (estimator_->covariance()) {
-    const GraphCovariance& covariance = *estimator_->covariance();
+  if (const std::optional<Matrix15d> covariance = estimator_->motionCovariance()) {
     const double variance_factor = std::pow(record_.sigmaInflation(), 2);
-    const Eigen::MatrixXd pose = covariance.block({estimator_->covarianceFrame(), BlockKind::kPose});
-    const Eigen::MatrixXd motion = covariance.block({estimator_->covarianceFrame(), BlockKind::kMotion});
-    // Position in W; rotation from the body's axes to the world's.
-    Matrix6d to_odom = Matrix6d::Zero();
-    to_odom.topLeftCorner<3, 3>() = T_odom_W_.rotationMatrix();
-    to_odom.bottomRightCorner<3, 3>() = odometry.T_odom_imu.rotationMatrix();
-    odometry.pose_covariance = variance_factor * to_odom * pose * to_odom.transpose();
-    const Eigen::Matrix3d turn = T_odom_W_.rotationMatrix();
-    odometry.velocity_covariance_W = variance_factor * turn * motion.topLeftCorner<3, 3>() * turn.transpose();
+    Matrix15d to_odom = Matrix15d::Identity();
+    for (const int block : {0, 3, 6}) to_odom.block<3, 3>(block, block) = T_odom_W_.rotationMatrix();
+    odometry.covariance = variance_factor * to_odom * *covariance * to_odom.transpose();
     const double white = noise_.gyroscope_noise_density * estimator_->noiseFactors().gyroscope;
-    odometry.angular_velocity_covariance_B = variance_factor * motion.block<3, 3>(3, 3) +
+    odometry.angular_velocity_covariance_B = odometry.covariance.block<3, 3>(9, 9) +
                                              white * white * noise_.update_rate * Eigen::Matrix3d::Identity();
   }
   update->odometry = odometry;

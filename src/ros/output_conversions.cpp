@@ -99,8 +99,7 @@ MotionState toMotionState(const OdometryEstimate& odometry) {
   state.T_WB = odometry.T_odom_imu;
   state.velocity_W = odometry.velocity_W;
   state.angular_velocity_B = odometry.angular_velocity_B;
-  state.covariance.topLeftCorner<6, 6>() = odometry.pose_covariance;
-  state.covariance.bottomRightCorner<3, 3>() = odometry.velocity_covariance_W;
+  state.covariance = odometry.covariance;
   return state;
 }
 
@@ -134,8 +133,11 @@ nav_msgs::Odometry toOdometry(const ros::Time& stamp, const MotionState& state,
   message.twist.twist.angular.z = angular.z();
 
   const Eigen::Matrix3d lever_skew = skew(lever_B);
+  // Of R_WB^T v_W: a heading that has drifted turns both, and the velocity in B stays as well known as it was.
+  Eigen::Matrix<double, 3, 6> by_motion;
+  by_motion << R_WB.transpose() * skew(state.velocity_W), R_WB.transpose();
   const Eigen::Matrix3d velocity_covariance_B =
-      R_WB.transpose() * state.covariance.bottomRightCorner<3, 3>() * R_WB +
+      by_motion * state.covariance.block<6, 6>(3, 3) * by_motion.transpose() +
       lever_skew * angular_covariance_B * lever_skew.transpose();
   Matrix6d twist_covariance = Matrix6d::Zero();
   twist_covariance.topLeftCorner<3, 3>() = R_child_B * velocity_covariance_B * R_child_B.transpose();

@@ -237,4 +237,12 @@ BENCHMARK(MarginalizeOldest)->Unit(benchmark::kMillisecond);
 }  // namespace
 }  // namespace autocal_vio
 
-BENCHMARK_MAIN();
+// One thread: CPU time is that of the caller, here and in what is compared with.
+int main(int argc, char** argv) {
+  cv::setNumThreads(0);
+  benchmark::Initialize(&argc, argv);
+  if (benchmark::ReportUnrecognizedArguments(argc, argv)) return 1;
+  benchmark::RunSpecifiedBenchmarks();
+  benchmark::Shutdown();
+  return 0;
+}

@@ -92,12 +92,18 @@ class ConsistencyRecord {
     pose << odometry.T_odom_imu.translation - T_WB.translation,
         logSo3(odometry.T_odom_imu.rotation * T_WB.rotation.conjugate());
     const Eigen::Vector3d velocity = odometry.velocity_W - T_odom_W_.rotation * truth.velocity_W;
-    const Matrix6d& P = odometry.pose_covariance;
+    const Matrix6d P = odometry.covariance.topLeftCorner<6, 6>();
     nees_["pose"].add(neesPerDof<6>(pose, P));
     nees_["position"].add(neesPerDof<3>(pose.head<3>(), P.topLeftCorner<3, 3>()));
     nees_["attitude"].add(neesPerDof<3>(pose.tail<3>(), P.bottomRightCorner<3, 3>()));
     nees_["yaw"].add(pose(5) * pose(5) / P(5, 5));
-    nees_["velocity"].add(neesPerDof<3>(velocity, odometry.velocity_covariance_W));
+    Eigen::Matrix<double, 3, 6> to_B;
+    const Eigen::Matrix3d R_BW = odometry.T_odom_imu.rotationMatrix().transpose();
+    to_B << R_BW * skew(odometry.velocity_W), R_BW;
+    nees_["velocity in B"].add(neesPerDof<3>(
+        R_BW * odometry.velocity_W - T_WB.rotation.conjugate() * (T_odom_W_.rotation * truth.velocity_W),
+        to_B * odometry.covariance.block<6, 6>(3, 3) * to_B.transpose()));
+    nees_["velocity"].add(neesPerDof<3>(velocity, odometry.covariance.block<3, 3>(6, 6)));
   }
 
   void addCalibration(const CalibrationEstimate& calibration, const TruthSample& truth) {

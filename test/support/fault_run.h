@@ -116,7 +116,7 @@ struct FaultRecord {
   TruthSample truth;
 
   double sigmaPosition() const {
-    return std::sqrt(update.odometry->pose_covariance.topLeftCorner<3, 3>().trace());
+    return std::sqrt(update.odometry->covariance.topLeftCorner<3, 3>().trace());
   }
 };
 
@@ -188,8 +188,8 @@ inline bool isFinite(const VioUpdate& update) {
   if (update.odometry) {
     const OdometryEstimate& o = *update.odometry;
     finite = finite && o.T_odom_imu.isFinite() && o.velocity_W.allFinite() &&
-             o.angular_velocity_B.allFinite() && o.pose_covariance.allFinite() &&
-             o.velocity_covariance_W.allFinite() && o.angular_velocity_covariance_B.allFinite();
+             o.angular_velocity_B.allFinite() && o.covariance.allFinite() &&
+             o.angular_velocity_covariance_B.allFinite();
   }
   for (const Eigen::Vector3d& landmark : update.landmarks_W) finite = finite && landmark.allFinite();
   return finite;

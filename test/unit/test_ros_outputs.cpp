@@ -37,12 +37,13 @@ MotionState someMotion() {
   state.velocity_W << 0.5, -1.0, 0.2;
   state.angular_velocity_B << 0.1, 0.4, -0.3;
   state.covariance.topLeftCorner<6, 6>() = somePositiveMatrix();
-  state.covariance.bottomRightCorner<3, 3>() = Eigen::Vector3d(0.01, 0.02, 0.03).asDiagonal();
+  state.covariance.block<3, 3>(6, 6) = Eigen::Vector3d(0.01, 0.02, 0.03).asDiagonal();
   return state;
 }
 
 TEST(OdometryConversion, PoseInOdomTwistInChild) {
-  const MotionState state = someMotion();
+  MotionState state = someMotion();
+  state.covariance.block<3, 3>(3, 3).setZero();
   const Eigen::Matrix3d angular = Eigen::Matrix3d::Identity() * 1e-5;
   const nav_msgs::Odometry message =
       toOdometry(ros::Time(5, 6), state, angular, {"odom", "imu", Transform()});
@@ -58,9 +59,8 @@ TEST(OdometryConversion, PoseInOdomTwistInChild) {
   EXPECT_DOUBLE_EQ(message.twist.twist.angular.z, -0.3);
   const Eigen::Matrix3d R = state.T_WB.rotationMatrix();
   const Matrix6d twist = toMatrix(message.twist.covariance);
-  EXPECT_LT(
-      (R * twist.topLeftCorner<3, 3>() * R.transpose() - state.covariance.bottomRightCorner<3, 3>()).norm(),
-      1e-15);
+  EXPECT_LT((R * twist.topLeftCorner<3, 3>() * R.transpose() - state.covariance.block<3, 3>(6, 6)).norm(),
+            1e-15);
   EXPECT_LT((twist.bottomRightCorner<3, 3>() - angular).norm(), 1e-18);
 }
 
@@ -160,6 +160,40 @@ TEST(OdometryConversion, CovarianceOfTheBaseMatchesMonteCarlo) {
   }
   const Matrix6d sampled = sum / kRuns, expected = toMatrix(message.pose.covariance) * 1e-4;
   EXPECT_LT((sampled - expected).norm() / expected.norm(), 0.05);
+}
+
+/// Attitude, velocity and rate off by what their covariances say, the first two correlated: the twist of the base.
+TEST(OdometryConversion, CovarianceOfTheTwistMatchesMonteCarlo) {
+  MotionState state = someMotion();
+  state.covariance.block<6, 6>(3, 3) = 1e-4 * somePositiveMatrix();
+  const Eigen::Matrix3d angular = Eigen::Vector3d(1e-4, 3e-4, 2e-4).asDiagonal();
+  const Transform T_imu_base(expSo3(Eigen::Vector3d(-0.2, 0.7, 0.4)), Eigen::Vector3d(0.3, -0.5, 0.2));
+  const OdometryFrames frames{"odom", "base", T_imu_base};
+  const auto twist = [&](const MotionState& s) {
+    const geometry_msgs::Twist t = toOdometry(ros::Time(1), s, angular, frames).twist.twist;
+    Eigen::Matrix<double, 6, 1> result;
+    result << t.linear.x, t.linear.y, t.linear.z, t.angular.x, t.angular.y, t.angular.z;
+    return result;
+  };
+  const Matrix6d half = Matrix6d(state.covariance.block<6, 6>(3, 3)).llt().matrixL();
+  std::mt19937 generator(4);
+  std::normal_distribution<double> normal;
+  const auto draw = [&] { return normal(generator); };
+  Matrix6d sum = Matrix6d::Zero();
+  constexpr int kRuns = 20000;
+  for (int run = 0; run < kRuns; ++run) {
+    const Eigen::Matrix<double, 6, 1> e = half * Eigen::Matrix<double, 6, 1>::NullaryExpr(draw);
+    MotionState disturbed = state;
+    disturbed.T_WB.rotation = expSo3(Eigen::Vector3d(e.head<3>())) * state.T_WB.rotation;
+    disturbed.velocity_W += e.tail<3>();
+    disturbed.angular_velocity_B += angular.cwiseSqrt() * Eigen::Vector3d::NullaryExpr(draw);
+    const Eigen::Matrix<double, 6, 1> error = twist(disturbed) - twist(state);
+    sum += error * error.transpose();
+  }
+  const Matrix6d sampled = sum / kRuns,
+                 expected = toMatrix(toOdometry(ros::Time(1), state, angular, frames).twist.covariance);
+  EXPECT_LT((sampled - expected).norm() / expected.norm(), 0.05);
+  EXPECT_LT((sampled - expected).topRightCorner<3, 3>().norm() / expected.topRightCorner<3, 3>().norm(), 0.1);
 }
 
 TEST(OdometryConversion, RecognisesWhatIsNotFinite) {

@@ -52,6 +52,13 @@ class SessionTest : public ::testing::Test {
     return true;
   }
 
+  // From the first image again.
+  void restart() {
+    frame_ = sample_ = 0;
+    imu_ = ImuBuffer(30 * kNsPerSecond);
+    first_.reset();
+  }
+
   static FeatureDataset* data_;
   ImuBuffer imu_{30 * kNsPerSecond};
   std::size_t frame_ = 0, sample_ = 0;
@@ -93,12 +100,43 @@ TEST_F(SessionTest, PredictsTheCamerasRotation) {
 TEST_F(SessionTest, TheOdometryBeginsWhereTheLastOneEnded) {
   const Eigen::Quaterniond heading(Eigen::AngleAxisd(1.0, Eigen::Vector3d::UnitZ()));
   const Transform start(heading, Eigen::Vector3d(3.0, -2.0, 1.0));
+  Session from_nowhere = makeSession();
+  ASSERT_TRUE(feed(&from_nowhere, 7.01));
+  const OdometryEstimate there = update_.odometry.value();
+  restart();
   Session session = makeSession(start);
   ASSERT_TRUE(feed(&session, 7.01));
   ASSERT_TRUE(first_);
   EXPECT_LT((first_->translation - start.translation).norm(), 1e-9);
   const Eigen::Matrix3d turn = (first_->rotation * heading.conjugate()).toRotationMatrix();
   EXPECT_NEAR(std::atan2(turn(1, 0) - turn(0, 1), turn(0, 0) + turn(1, 1)), 0.0, 1e-6) << "another heading";
+  // The same estimate in other axes, with the covariance in them.
+  const OdometryEstimate& here = update_.odometry.value();
+  Matrix15d J = Matrix15d::Identity();
+  for (const int block : {0, 3, 6})
+    J.block<3, 3>(block, block) =
+        (here.T_odom_imu.rotation * there.T_odom_imu.rotation.conjugate()).toRotationMatrix();
+  EXPECT_LT((here.covariance - J * there.covariance * J.transpose()).norm(), 1e-6 * here.covariance.norm());
+  EXPECT_GT((here.covariance - there.covariance).block(3, 3, 3, 3).norm(), 0.0);
+  const ImuNoise& noise = rig().imu_noise;
+  const double white = noise.gyroscope_noise_density * std::sqrt(noise.update_rate);
+  EXPECT_GT(here.angular_velocity_covariance_B.diagonal().minCoeff(), 0.5 * white * white);
+}
+
+// It is that of the last keyframe, in the axes of the odometry frame: those of the body turn on with every image.
+TEST_F(SessionTest, TheCovarianceDoesNotTurnWithTheBody) {
+  Session session = makeSession();
+  ASSERT_TRUE(feed(&session, 5.0));
+  Matrix15d before = update_.odometry.value().covariance;
+  int same = 0, images = 0;
+  for (double t = 5.06; t < 7.9; t += 0.05, ++images) {
+    ASSERT_TRUE(feed(&session, t));
+    const Matrix15d& now = update_.odometry.value().covariance;
+    same += now == before;
+    before = now;
+  }
+  EXPECT_GT(same, images / 4);
+  EXPECT_LT(same, images);
 }
 
 TEST_F(SessionTest, WhatItKnowsOutlivesALossForWantOfData) {

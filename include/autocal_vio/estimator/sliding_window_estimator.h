@@ -68,6 +68,8 @@ class SlidingWindowEstimator {
   /// for.
   const std::optional<GraphCovariance>& covariance() const { return covariance_; }
   FrameId covarianceFrame() const { return covariance_frame_; }
+  /// Covariance of that frame's pose, velocity and biases, that of white noise; nothing before there is one.
+  std::optional<Matrix15d> motionCovariance() const;
 
  private:
   bool mountIsAtRest(EstimatorResult* result);
@@ -104,6 +106,7 @@ class SlidingWindowEstimator {
   bool keyframe_unfinished_ = false;  ///< covariance, noise and marginalisation wait for the next image
   std::optional<GraphCovariance> covariance_;
   FrameId covariance_frame_ = 0;
+  Eigen::Quaterniond covariance_attitude_ = Eigen::Quaterniond::Identity();  ///< of that frame, then
   TimeNs last_sighted_ = 0;              ///< stamp of the last image tied to the window by tracked points
   double sighted_position_sigma_ = 0.0;  ///< there [m]
 };

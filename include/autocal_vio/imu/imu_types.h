@@ -9,6 +9,9 @@
 
 namespace autocal_vio {
 
+/// Of position in W, rotation about W's axes, velocity in W, gyroscope and accelerometer bias in B [m, rad, m/s, rad/s, m/s^2].
+using Matrix15d = Eigen::Matrix<double, 15, 15>;
+
 /// One IMU reading, in the IMU body frame B.
 struct ImuSample {
   TimeNs stamp = 0;

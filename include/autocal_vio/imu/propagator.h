@@ -12,16 +12,13 @@
 
 namespace autocal_vio {
 
-using Matrix9d = Eigen::Matrix<double, 9, 9>;
-
 /// Motion of the IMU body B in the world W (gravity along -z) at one instant.
 struct MotionState {
   TimeNs stamp = 0;  ///< IMU clock
   Transform T_WB;
   Eigen::Vector3d velocity_W = Eigen::Vector3d::Zero();          ///< [m/s]
   Eigen::Vector3d angular_velocity_B = Eigen::Vector3d::Zero();  ///< bias removed [rad/s]
-  Matrix9d covariance =
-      Matrix9d::Zero();  ///< position in W, rotation about W's axes, velocity in W [m, rad, m/s]
+  Matrix15d covariance = Matrix15d::Zero();                      ///< with the biases that were taken off
 };
 
 /// Thread-safe: samples may come from one thread and new states from another.

@@ -9,6 +9,7 @@
 
 #include "autocal_vio/common/time.h"
 #include "autocal_vio/geometry/transform.h"
+#include "autocal_vio/imu/imu_types.h"
 
 namespace autocal_vio {
 
@@ -31,10 +32,9 @@ const char* toString(VioState state);
 struct OdometryEstimate {
   TimeNs stamp_imu = 0;  ///< IMU clock: image stamp + td
   Transform T_odom_imu;
-  Eigen::Vector3d velocity_W = Eigen::Vector3d::Zero();          ///< [m/s]
-  Eigen::Vector3d angular_velocity_B = Eigen::Vector3d::Zero();  ///< bias removed [rad/s]
-  Matrix6d pose_covariance = Matrix6d::Zero();  ///< position in W, rotation about W's axes [m, rad]
-  Eigen::Matrix3d velocity_covariance_W = Eigen::Matrix3d::Zero();          ///< [m^2/s^2]
+  Eigen::Vector3d velocity_W = Eigen::Vector3d::Zero();                     ///< [m/s]
+  Eigen::Vector3d angular_velocity_B = Eigen::Vector3d::Zero();             ///< bias removed [rad/s]
+  Matrix15d covariance = Matrix15d::Zero();                                 ///< of pose, velocity and biases
   Eigen::Matrix3d angular_velocity_covariance_B = Eigen::Matrix3d::Zero();  ///< [rad^2/s^2]
   TimeNs origin_stamp_imu = 0;  ///< where position and yaw count as known: covariances begin there
   Transform T_odom_origin;      ///< the pose there
