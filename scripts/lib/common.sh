@@ -9,6 +9,13 @@ root_dir=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd -P)
 say() { printf '\n== %s\n' "$*"; }
 fail() { printf 'error: %s\n' "$*" >&2; exit 1; }
 
+# needs_value OPTION [VALUE ...]: ends the script where no value follows the option.
+needs_value() {
+  case ${2:-} in
+    ''|-*) printf 'error: %s needs a value (see --help)\n' "$1" >&2; exit 2 ;;
+  esac
+}
+
 # Makes the programs and launch files of a build known to this shell. The setup files of catkin read unset variables.
 source_devel() {
   local setup=$1/devel/setup.bash

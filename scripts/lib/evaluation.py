@@ -10,6 +10,8 @@ import numpy as np
 
 # Truth further apart than this is not interpolated [s].
 LARGEST_TRUTH_GAP_S = 0.2
+# Poses further apart than this many of their median periods have a hole between them.
+LARGEST_PERIODS = 5.0
 
 
 def normalized(q):
@@ -59,10 +61,14 @@ def yaw_pitch_roll(R):
 
 
 class Poses:
-    """A trajectory: stamps [s] (N), positions [m] (N x 3), quaternions (N x 4)."""
+    """A trajectory: stamps [s] (N), positions [m] (N x 3), quaternions (N x 4).
+
+    Of poses with the same stamp the first counts; `repeated` is how many were left out.
+    """
 
     def __init__(self, stamps, positions, quaternions):
-        order = np.argsort(stamps, kind='stable')
+        order = np.unique(stamps, return_index=True)[1]
+        self.repeated = len(stamps) - len(order)
         self.stamps = np.asarray(stamps, float)[order]
         self.positions = np.asarray(positions, float).reshape(-1, 3)[order]
         self.quaternions = np.asarray(quaternions, float).reshape(-1, 4)[order]
@@ -140,8 +146,17 @@ class Comparison:
         return np.concatenate([[0.0], np.cumsum(steps)])
 
 
+def time_covered(stamps):
+    """Time [s] during which poses follow each other: without the holes."""
+    steps = np.diff(stamps)
+    return float(np.sum(steps[steps <= LARGEST_PERIODS * np.median(steps)]))
+
+
 def score_odometry(odometry, truth, start=None, end=None):
-    """Figures of a trajectory; `start` and `end` [s] bound the data that was offered (default: the truth's span)."""
+    """Figures of a trajectory; `start` and `end` [s] bound the data that was offered (default: the truth's span).
+
+    The coverage is a share of the time between them, or of what the truth has of it.
+    """
     comparison = Comparison(odometry, truth)
     if not comparison.possible:
         return {'poses': len(odometry), 'coverage': 0.0}
@@ -155,7 +170,7 @@ def score_odometry(odometry, truth, start=None, end=None):
     return {
         'poses': len(estimate),
         'first_pose_s': float(odometry.stamps[0] - start),
-        'coverage': float((estimate.stamps[-1] - estimate.stamps[0]) / (end - start)),
+        'coverage': time_covered(estimate.stamps) / float(end - start),
         'largest_gap_s': float(np.max(np.diff(odometry.stamps))),
         'ate_m': ate,
         'largest_error_m': float(distance.max()),

@@ -22,7 +22,7 @@ class BadFile(ValueError):
 def lines_of(path):
     """(number, text) of the lines that are neither empty nor comments."""
     try:
-        text = pathlib.Path(path).read_text()
+        text = pathlib.Path(path).read_text(encoding='utf-8-sig')  # some editors put a mark at the beginning
     except OSError as error:
         raise BadFile(path, None, error.strerror or str(error)) from error
     except UnicodeDecodeError as error:
@@ -110,7 +110,7 @@ def matrix_of(path, key, value):
 def read_extrinsics_truth(path):
     """(p, q, td) of T_imu_cam from EuRoC's cam0/sensor.yaml, a Kalibr camchain, or the simulator's truth. Throws BadFile."""
     try:
-        text = pathlib.Path(path).read_text()
+        text = pathlib.Path(path).read_text(encoding='utf-8-sig')
         data = yaml.safe_load('#' + text if text.startswith('%YAML:') else text)
     except OSError as error:
         raise BadFile(path, None, error.strerror or str(error)) from error

@@ -41,9 +41,10 @@ SimulatedRigParameters loadSimulatedRigParameters(const ros::NodeHandle& private
   parameters.rate = reader.number("rate", parameters.rate, 0.01, 100.0);
   parameters.start_delay = reader.number("start_delay", parameters.start_delay, 0.0, 3600.0);
   const std::string rig_file = reader.text("rig_file", "");
+  const std::string imu_file = reader.text("imu_file", "");
   if (!rig_file.empty()) {
     try {
-      parameters.sensors = loadRigFile(rig_file, "", &parameters.remarks);
+      parameters.sensors = loadRigFile(rig_file, imu_file, &parameters.remarks);
     } catch (const std::exception& error) {
       reader.addProblem(error.what());
     }

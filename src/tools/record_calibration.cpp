@@ -29,6 +29,7 @@ struct ProgramOptions {
   double silence = 5.0;           ///< [s]
   double limit = 1e9;             ///< [s]
   std::string rig_file;
+  std::string imu_file;
   std::string asl_folder;
   std::string output_folder;
   bool force = false;
@@ -48,6 +49,8 @@ CommandLine commandLine(ProgramOptions* options) {
                  &options->silence);
   line.addNumber("limit", "S", "ends after this long [s]", &options->limit);
   line.addText("config", "RIG.yaml", "rig file that the nodelet was given (required)", &options->rig_file);
+  line.addText("imu-config", "IMU.yaml", "the nodelet's imu_file, where RIG.yaml has no imu0",
+               &options->imu_file);
   line.addText(
       "truth", "FOLDER",
       "data set in ASL format (mav0) whose T_BS the estimate is compared with while it runs and in the plot",
@@ -140,7 +143,7 @@ void writeTruth(const LiveRecorder& recorder, const RigModel& rig, const ResultF
 int recordCalibration(const ProgramOptions& options) {
   if (options.output_folder.empty()) throw LoadProblems({"--out: is missing (see --help)"});
   if (options.rig_file.empty()) throw LoadProblems({"--config: is missing (see --help)"});
-  const RigModel rig = loadRigFile(options.rig_file);
+  const RigModel rig = loadRigFile(options.rig_file, options.imu_file);
   const ResultFolder folder(options.output_folder, options.force);
   LiveRecorder recorder;
   if (!options.asl_folder.empty()) {

@@ -115,6 +115,41 @@ class Evaluate(unittest.TestCase):
         self.assertIn('no rotation', self.refusal(self.write_results(), '--extrinsics-truth',
                                                   self.write('d.yaml', SENSOR.replace('-1,', '1,'))))
 
+    def test_a_hole_in_the_odometry(self):
+        """14 s of 20: what is left is 6 s."""
+        truth = self.write('long.tum', ''.join('%.3f %.9f %.9f %.9f 0 0 0 1\n' % (1000.0 + t, *position(t))
+                                               for t in 0.01 * np.arange(2001)))
+        rows = ['%.3f %.9f %.9f %.9f 0 0 0 1' % (1000.0 + t, *position(t)) for t in 0.05 * np.arange(401)
+                if t < 3.001 or t > 16.999]
+        figures = self.figures(self.write('hole.tum', '\n'.join(rows)), '--truth', truth)
+        self.assertAlmostEqual(figures['coverage'], 6.0 / 20.0, 6)
+        self.assertAlmostEqual(figures['largest_gap_s'], 14.0, 6)
+
+    def test_files_without_a_pose(self):
+        self.assertIn('empty.tum: has no pose', self.refusal(self.write('empty.tum', '# nothing\n'), '--truth', self.truth))
+        results = self.write_results()
+        self.write('results/odometry.tum', '')
+        self.assertIn('odometry.tum: has no pose', self.refusal(results, '--truth', self.truth))
+        # The calibration alone is a result, too.
+        run = self.run_program('--json', results, '--truth', self.truth, '--extrinsics-truth', self.sensor)
+        self.assertEqual(run.returncode, 0, run.stderr)
+        self.assertIn('odometry.tum: has no pose', run.stderr)
+        self.assertAlmostEqual(json.loads(run.stdout)['translation_m'], 0.005, 9)
+
+    def test_repeated_stamps_are_noted(self):
+        run = self.run_program('--json', self.write('twice.tum', self.tum() + self.tum(scale=2.0)), '--truth', self.truth)
+        self.assertEqual(run.returncode, 0, run.stderr)
+        self.assertIn('poses whose stamp came before: 200, left out', run.stderr)
+        self.assertAlmostEqual(json.loads(run.stdout)['scale'], 1.0, 6)
+
+    def test_a_byte_order_mark_is_skipped(self):
+        mark = '\ufeff'
+        figures = self.figures(self.write('a.tum', mark + self.tum()), '--truth',
+                               self.write('b.csv', mark + self.truth.read_text()))
+        self.assertEqual(figures['poses'], 200)
+        sensor = self.write('c.yaml', mark + SENSOR)
+        self.assertAlmostEqual(self.figures(self.write_results(), '--extrinsics-truth', sensor)['translation_m'], 0.005, 9)
+
     def test_no_overlap_in_time(self):
         said = self.refusal(self.write('late.tum', self.tum(shift=100.0)), '--truth', self.truth)
         self.assertIn('no overlap in time: the odometry goes from 1100.000 to 1109.950 s', said)

@@ -87,6 +87,25 @@ class Odometry(unittest.TestCase):
             self.assertLess(row['translation_m'], 1e-9)
             self.assertLess(row['rotation_deg'], 1e-6)
 
+    def test_holes_are_not_covered(self):
+        """Poses from 4 to 18 s of 20: one hole of 10 s, and every twentieth image missing."""
+        stamps = self.stamps[(self.stamps < 6.001) | (self.stamps > 15.999)]
+        stamps = np.delete(stamps, np.arange(10, len(stamps), 20))
+        figures = evaluation.score_odometry(self.truth.at(stamps)[0], self.truth)
+        self.assertAlmostEqual(figures['largest_gap_s'], 10.0, 6)
+        self.assertAlmostEqual(figures['coverage'], (2.0 + 1.95) / 19.995, 6)
+
+    def test_repeated_stamps_count_once(self):
+        once = self.truth.at(self.stamps)[0]
+        wrong = moved(once, 0.0, [7, 7, 7]).only(np.arange(len(once)) % 2 == 0)
+        twice = evaluation.Poses(np.concatenate([once.stamps, wrong.stamps]), np.concatenate([once.positions, wrong.positions]),
+                                 np.concatenate([once.quaternions, wrong.quaternions]))
+        self.assertEqual(twice.repeated, len(wrong))
+        figures = evaluation.score_odometry(twice, self.truth)
+        self.assertEqual(figures['poses'], len(once))
+        self.assertLess(figures['ate_m'], 1e-9)
+        self.assertAlmostEqual(figures['coverage'], 13.95 / 19.995, 6)
+
     def test_no_pose_scores_no_coverage(self):
         nothing = evaluation.Poses([], [], [])
         self.assertEqual(evaluation.score_odometry(nothing, self.truth)['coverage'], 0.0)
