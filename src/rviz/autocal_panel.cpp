@@ -9,6 +9,7 @@
 #include <pluginlib/class_list_macros.hpp>
 #include <utility>
 
+#include "autocal_vio/rviz/call_service.h"
 #include "autocal_vio/rviz/control_bar.h"
 #include "autocal_vio/rviz/convergence_plots.h"
 #include "autocal_vio/rviz/settings_form.h"
@@ -191,7 +192,10 @@ void AutocalPanel::showLife() {
 template <class Service>
 void AutocalPanel::call(const QString& name, const QString& what, const typename Service::Request& request) {
   const std::string service = form_->nodelet().toStdString() + "/" + name.toStdString();
-  if (!caller_.start([service, request] { return callService<Service>(service, request); })) return;
+  const auto ask = [service, request](CallBreaker* breaker) {
+    return callService<Service>(service, request, breaker);
+  };
+  if (!caller_.start(ask)) return;
   controls_->setBusy(true);
   controls_->showAnswer(what + " ...", true);
 }

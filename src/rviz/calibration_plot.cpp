@@ -24,7 +24,7 @@ namespace {
 
 constexpr int kTickPoints = 7;
 constexpr int kValueAxisWidth = 46;  // so that plots below each other are aligned [px]
-constexpr int kPixelsPerTick = 55;   // on the time axis
+constexpr int kPixelsPerTick = 55;   // on the time axis: room for 1:30:00 h
 constexpr double kShortest = 5.0;    // that a time axis shows [s]
 
 class TimeScaleDraw : public QwtScaleDraw {

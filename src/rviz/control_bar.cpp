@@ -51,6 +51,7 @@ ControlBar::ControlBar(QWidget* parent)
   camchain_path_->setToolTip(about_file);
   camchain_path_->setPlaceholderText("file on the estimator's machine");
   answer_->setTextFormat(Qt::PlainText);
+  answer_->setTextInteractionFlags(Qt::TextSelectableByMouse);  // it may name a file
   answer_->setWordWrap(true);
   answer_->setMinimumSize(60, answer_->fontMetrics().lineSpacing());
   connect(release_, &QPushButton::clicked, this, &ControlBar::releaseWanted);

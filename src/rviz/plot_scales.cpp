@@ -56,11 +56,11 @@ std::string timeTickText(double seconds) {
   const int hours = static_cast<int>(whole / 3600), minutes = static_cast<int>(whole / 60 % 60);
   char text[32];
   if (whole < 60) {
-    std::snprintf(text, sizeof(text), "%lld", whole);
+    std::snprintf(text, sizeof(text), "%lld s", whole);
   } else if (hours == 0) {
-    std::snprintf(text, sizeof(text), "%d:%02d", minutes, static_cast<int>(whole % 60));
+    std::snprintf(text, sizeof(text), "%d:%02d min", minutes, static_cast<int>(whole % 60));
   } else {
-    std::snprintf(text, sizeof(text), "%d:%02d:%02d", hours, minutes, static_cast<int>(whole % 60));
+    std::snprintf(text, sizeof(text), "%d:%02d:%02d h", hours, minutes, static_cast<int>(whole % 60));
   }
   return text;
 }

@@ -8,7 +8,7 @@ namespace {
 
 constexpr std::size_t kMostWaiting = 10000;
 constexpr std::size_t kMostTruthWaiting = 200;
-constexpr std::uint32_t kQueue = 200;
+constexpr std::uint32_t kQueue = 1000;  // where this machine is late, as on starting
 constexpr double kDegreesPerRadian = 180.0 / M_PI;
 
 }  // namespace

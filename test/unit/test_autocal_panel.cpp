@@ -2,7 +2,7 @@
 // QT_QPA_PLATFORM names another.
 #include <gtest/gtest.h>
 #include <rviz/config.h>
-#include <time.h>
+#include <rviz/yaml_config_reader.h>
 #include <unistd.h>
 
 #include <QApplication>
@@ -10,7 +10,6 @@
 #include <atomic>
 #include <chrono>
 #include <cstdio>
-#include <fstream>
 #include <functional>
 #include <iostream>
 #include <memory>
@@ -23,24 +22,12 @@
 #include "autocal_vio/rviz/service_caller.h"
 #include "autocal_vio/rviz/status_view.h"
 #include "example_status.h"
+#include "process_load.h"
 
 namespace autocal_vio {
 namespace {
 
 constexpr std::uint64_t kHour = 72000;  // images at 20 Hz
-
-double cpuMilliseconds() {
-  timespec now;
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-  return 1e3 * static_cast<double>(now.tv_sec) + 1e-6 * static_cast<double>(now.tv_nsec);
-}
-
-double residentMegabytes() {
-  std::ifstream file("/proc/self/statm");
-  double total = 0.0, resident = 0.0;
-  file >> total >> resident;
-  return resident * static_cast<double>(sysconf(_SC_PAGESIZE)) / 1048576.0;
-}
 
 StatusBatch batchOf(std::uint64_t first, std::uint64_t last) {
   StatusBatch batch;
@@ -98,14 +85,13 @@ TEST_F(AutocalPanelTest, AnHourOfMessagesAtSpeed) {
     times.push_back(cpuMilliseconds() - start);
   }
   const double growth = residentMegabytes() - memory_before;
-  std::sort(times.begin(), times.end());
-  std::printf("%zu redraws: CPU time median %.1f ms, 99 %% %.1f ms, worst %.1f ms; memory grew by %.1f MB\n",
-              times.size(), times[times.size() / 2], times[times.size() * 99 / 100], times.back(), growth);
+  const RedrawTimes redraws(times);
+  std::printf("memory grew by %.1f MB to %.0f MB\n", growth, memory_before + growth);
   EXPECT_EQ(panel_.history().end() - panel_.history().begin(), fromSeconds(0.05 * (kHour - 1)));
 #ifdef AUTOCAL_VIO_OPTIMIZED  // the address sanitizer keeps what has been freed
-  EXPECT_LT(growth, 100.0);
-  EXPECT_LT(times[times.size() / 2], 20.0);
-  EXPECT_LT(times[times.size() * 99 / 100], 40.0);
+  EXPECT_LT(growth, 25.0) << "100 MB may be; a history that keeps all samples takes 50";
+  EXPECT_LT(redraws.median, 20.0);
+  EXPECT_LT(redraws.nearly_all, 20.0);
 #endif
 }
 
@@ -166,7 +152,44 @@ TEST_F(AutocalPanelTest, ConfigSurvivesSaveAndLoad) {
   EXPECT_EQ(other.settings().nodelet, expected.nodelet);
 }
 
-double secondsToEnd(std::function<ServiceAnswer()> call) {
+/// How many displays of the project's rviz config show a frame's axes, and how many its name.
+std::pair<int, int> shownTimes(const QString& frame) {
+  rviz::Config config;
+  rviz::YamlConfigReader reader;
+  reader.readFile(config, "rviz/autocal_vio.rviz");
+  const rviz::Config displays = config.mapGetChild("Visualization Manager").mapGetChild("Displays");
+  int axes = 0, names = 0;
+  for (int i = 0; i < displays.listLength(); ++i) {
+    const rviz::Config display = displays.listChildAt(i);
+    QString type;
+    if (!display.mapGetString("Class", &type) || type != "rviz/TF") continue;
+    bool shown = true, named = false;
+    display.mapGetChild("Frames").mapGetChild(frame).mapGetBool("Value", &shown);
+    display.mapGetBool("Show Names", &named);
+    axes += shown;
+    names += shown && named;
+  }
+  return {axes, names};
+}
+
+// Camera and IMU are so near each other that their names would be printed over each other.
+TEST(RvizConfig, NamesOneOfTwoNeighbours) {
+  EXPECT_EQ(shownTimes("odom"), std::make_pair(1, 1));
+  EXPECT_EQ(shownTimes("imu0"), std::make_pair(1, 1));
+  EXPECT_EQ(shownTimes("cam0"), std::make_pair(1, 0));
+}
+
+/// What comes within ten seconds.
+std::optional<ServiceAnswer> awaitAnswer(ServiceCaller* caller) {
+  std::optional<ServiceAnswer> answer;
+  for (int i = 0; i < 1000 && !answer; ++i) {
+    usleep(10000);
+    answer = caller->takeAnswer();
+  }
+  return answer;
+}
+
+double secondsToEnd(std::function<ServiceAnswer(CallBreaker*)> call) {
   auto caller = std::make_unique<ServiceCaller>();
   EXPECT_TRUE(caller->start(std::move(call)));
   const auto begin = std::chrono::steady_clock::now();
@@ -176,7 +199,7 @@ double secondsToEnd(std::function<ServiceAnswer()> call) {
 
 TEST(ServiceCaller, EndsWithItsCallButDoesNotWaitForEver) {
   const auto done = std::make_shared<std::atomic<bool>>(false);
-  EXPECT_LT(secondsToEnd([done] {
+  EXPECT_LT(secondsToEnd([done](CallBreaker*) {
               usleep(200000);
               *done = true;
               return ServiceAnswer();
@@ -186,7 +209,7 @@ TEST(ServiceCaller, EndsWithItsCallButDoesNotWaitForEver) {
   const auto gate = std::make_shared<std::mutex>();
   gate->lock();
   const auto hung = std::make_shared<std::atomic<bool>>(true);
-  const double waited = secondsToEnd([gate, hung] {
+  const double waited = secondsToEnd([gate, hung](CallBreaker*) {
     const std::lock_guard<std::mutex> lock(*gate);
     *hung = false;
     return ServiceAnswer();
@@ -203,28 +226,76 @@ TEST(ServiceCaller, OneCallAtATimeAndItsAnswerOnce) {
   ServiceCaller caller;
   std::mutex gate;
   gate.lock();
-  ASSERT_TRUE(caller.start([&gate] {
+  ASSERT_TRUE(caller.start([&gate](CallBreaker*) {
     const std::lock_guard<std::mutex> lock(gate);
     return ServiceAnswer{true, "done"};
   }));
   EXPECT_TRUE(caller.busy());
-  EXPECT_FALSE(caller.start([] { return ServiceAnswer(); }));
+  EXPECT_FALSE(caller.start([](CallBreaker*) { return ServiceAnswer(); }));
   EXPECT_FALSE(caller.takeAnswer());
   gate.unlock();
-  std::optional<ServiceAnswer> answer;
-  for (int i = 0; i < 1000 && !answer; ++i) {
-    usleep(10000);
-    answer = caller.takeAnswer();
-  }
+  std::optional<ServiceAnswer> answer = awaitAnswer(&caller);
   ASSERT_TRUE(answer);
   EXPECT_TRUE(answer->success);
   EXPECT_EQ(answer->message, "done");
   EXPECT_FALSE(caller.busy());
   EXPECT_FALSE(caller.takeAnswer());
-  ASSERT_TRUE(caller.start([]() -> ServiceAnswer { throw std::runtime_error("the name is invalid"); }));
+  ASSERT_TRUE(
+      caller.start([](CallBreaker*) -> ServiceAnswer { throw std::runtime_error("the name is invalid"); }));
   for (answer.reset(); !answer; answer = caller.takeAnswer()) usleep(1000);
   EXPECT_FALSE(answer->success);
   EXPECT_EQ(answer->message, "the name is invalid");
+}
+
+TEST(ServiceCaller, BreaksOffACallThatHangs) {
+  ServiceCaller caller(std::chrono::milliseconds(200));
+  const auto gate = std::make_shared<std::mutex>();
+  gate->lock();
+  const auto ended = std::make_shared<std::atomic<bool>>(false);
+  ASSERT_TRUE(caller.start([gate, ended](CallBreaker* breaker) {
+    breaker->onBreak([gate] { gate->unlock(); });
+    const std::lock_guard<std::mutex> lock(*gate);
+    *ended = true;
+    return ServiceAnswer();
+  }));
+  const std::optional<ServiceAnswer> answer = awaitAnswer(&caller);
+  ASSERT_TRUE(answer);
+  EXPECT_FALSE(answer->success);
+  EXPECT_NE(answer->message.find("no answer for 0.2 s"), std::string::npos) << answer->message;
+  EXPECT_FALSE(caller.busy());
+  for (int i = 0; i < 1000 && !*ended; ++i) usleep(10000);
+  EXPECT_TRUE(*ended) << "its thread is left behind";
+}
+
+TEST(ServiceCaller, AnAnswerThatComesTooLateIsDropped) {
+  ServiceCaller caller(std::chrono::milliseconds(200));
+  const auto gate = std::make_shared<std::mutex>();
+  gate->lock();
+  const auto ended = std::make_shared<std::atomic<bool>>(false);
+  ASSERT_TRUE(caller.start([gate, ended](CallBreaker*) {
+    const std::lock_guard<std::mutex> lock(*gate);
+    *ended = true;
+    return ServiceAnswer{true, "too late"};
+  }));
+  ASSERT_TRUE(awaitAnswer(&caller));
+  ASSERT_TRUE(caller.start([](CallBreaker*) {
+    usleep(50000);
+    return ServiceAnswer{true, "the second"};
+  }));
+  gate->unlock();
+  for (int i = 0; i < 1000 && !*ended; ++i) usleep(10000);
+  const std::optional<ServiceAnswer> answer = awaitAnswer(&caller);
+  ASSERT_TRUE(answer);
+  EXPECT_EQ(answer->message, "the second");
+  EXPECT_FALSE(caller.takeAnswer());
+}
+
+TEST(CallBreaker, EndsACallThatSaysTooLateHow) {
+  CallBreaker breaker;
+  breaker.breakOff();
+  bool ended = false;
+  breaker.onBreak([&ended] { ended = true; });
+  EXPECT_TRUE(ended);
 }
 
 }  // namespace

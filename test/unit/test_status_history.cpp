@@ -293,9 +293,9 @@ TEST(PlotScales, TimeTicks) {
   EXPECT_EQ(timeTickStep(100.0, 4), 30.0);
   EXPECT_EQ(timeTickStep(3600.0, 4), 900.0);
   EXPECT_EQ(timeTickStep(10.0 * 86400.0, 4), 5.0 * 43200.0);
-  EXPECT_EQ(timeTickText(45.0), "45");
-  EXPECT_EQ(timeTickText(90.0), "1:30");
-  EXPECT_EQ(timeTickText(3723.0), "1:02:03");
+  EXPECT_EQ(timeTickText(45.0), "45 s");
+  EXPECT_EQ(timeTickText(90.0), "1:30 min");
+  EXPECT_EQ(timeTickText(3723.0), "1:02:03 h");
 }
 
 }  // namespace

@@ -21,7 +21,7 @@ ScaleRange settledRange(const std::vector<HistoryBucket>& columns, const std::ve
 /// Distance of ticks on a time axis [s]: round in seconds, minutes or hours, at most `count` in `duration`.
 double timeTickStep(double duration, int count);
 
-/// Seconds as 45, 1:30 or 1:02:00.
+/// Seconds as 45 s, 1:30 min or 1:02:00 h: with the unit, since it changes along an axis.
 std::string timeTickText(double seconds);
 
 }  // namespace autocal_vio
