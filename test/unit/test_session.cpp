@@ -154,6 +154,7 @@ TEST_F(SessionTest, ReleasedExtrinsicsAreNotCalledPerfect) {
   }
 }
 
+// docs/derivation.md (D66): the share of the images.
 TEST_F(SessionTest, TheRotationIsNeverKnownBetterThanTheImagesAre) {
   const double focal_length = CameraModel(*data_->rig.rig.camera).focalLength();
   const auto leastSigma = [&](double image_accuracy) {
