@@ -142,6 +142,7 @@ TEST(MovedMount, ASlipIsFoundByItsContradiction) {
 }
 
 // A degree in a minute is nothing that any image could show.
+// docs/derivation.md (D41) in the whole.
 TEST(MovedMount, ACreepIsFollowedByTheRandomWalk) {
   const Bump creep{10.0, 0.5, 0.005, 30.0};
   const Stream stream = bumpedStream(FeatureSimulationOptions::euroc(3), creep, 40.0);

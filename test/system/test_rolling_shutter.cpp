@@ -30,6 +30,7 @@ double medianError(const FeatureDataset& data, const FeatureFrame& frame, std::s
   return errors[errors.size() / 2];
 }
 
+// docs/derivation.md (D63), (D64).
 TEST(RollingShutter, PointsAreMovedToTheStamp) {
   FeatureSimulationOptions simulation = rolling(FeatureSimulationOptions::exact(3));
   simulation.motion.duration = 10.0;
@@ -61,6 +62,7 @@ TEST(RollingShutter, AGlobalShutterIsLeftAlone) {
   }
 }
 
+// docs/derivation.md (D63): sign and reference row by hand.
 TEST(RollingShutter, TracksWithoutAVelocityAreLeftOut) {
   FeatureFrame frame;
   frame.features.resize(1);

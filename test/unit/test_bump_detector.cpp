@@ -83,6 +83,7 @@ class Scene {
   ImuBuffer imu_;
 };
 
+// docs/derivation.md (D38), (D39).
 TEST(ExtrinsicsFit, FindsWhereTheCameraIs) {
   const Scene scene(bumped(FeatureSimulationOptions::exact(3), 3.0, 0.03));
   VisualInertialGraph graph = scene.solved();
@@ -149,6 +150,7 @@ Verdict lookAfter(const Scene& scene, double interval) {
   return verdict;
 }
 
+// docs/derivation.md (D40).
 TEST(BumpDetector, RecognisesTheSmallestAndTheLargest) {
   for (const double size : {1.0, 5.0}) {
     const Scene scene(bumped(FeatureSimulationOptions::euroc(4), size, 0.01 * size));
@@ -192,6 +194,7 @@ TEST(BumpDetector, StandingTeachesNothing) {
   }
 }
 
+// docs/derivation.md (D40).
 TEST(BumpDetector, NoiseIsNoBump) {
   const Scene scene(bumped(FeatureSimulationOptions::euroc(4), 0.0, 0.0));
   EXPECT_EQ(lookAfter(scene, kInterval).mounts.back(), Mount::kAtRest);

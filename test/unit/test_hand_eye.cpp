@@ -264,6 +264,7 @@ TEST(GyroIntegration, FirstOrderCorrectionFollowsBiasAndTimeOffset) {
   }
 }
 
+// docs/derivation.md (D44).
 TEST(RotationRefinement, JacobiansMatchDifferences) {
   PairSetup setup;
   setup.td = 0.01;
@@ -392,6 +393,7 @@ TEST(RotationRefinement, PriorHoldsWhereMotionIsMissing) {
 }
 
 // At constant velocity the scene takes the same part of every pair's parallax for rotation: a bias as long as it lasts.
+// docs/derivation.md (D45), (D49).
 TEST(RotationRefinement, AMistakenLengthOfTheParallaxDoesNotAverageOut) {
   double nees = 0.0;
   const int seeds = 40;

@@ -112,6 +112,7 @@ TEST_F(LandmarkMapTest, LandmarksAreCutOnlyAtKeyframes) {
   EXPECT_EQ(map_.landmarks().size(), 2u);
 }
 
+// docs/derivation.md (D62).
 TEST_F(LandmarkMapTest, TriangulationFindsThePoints) {
   addFrames(5, {1, 2, 3, 4, 5, 6});
   for (const std::int64_t track : {1, 6}) EXPECT_FALSE(map_.isTrackInitialized(track));
@@ -135,6 +136,7 @@ TEST_F(LandmarkMapTest, TriangulationFindsThePoints) {
   EXPECT_FALSE(map_.isTrackInitialized(99));
 }
 
+// docs/derivation.md (D62).
 TEST_F(LandmarkMapTest, WithoutParallaxTheDepthIsADefaultAndNotNoise) {
   FrameState first = makeFrame(0, {1, 2}), second = makeFrame(0, {1, 2});
   second.id = 1;
@@ -149,6 +151,7 @@ TEST_F(LandmarkMapTest, WithoutParallaxTheDepthIsADefaultAndNotNoise) {
   }
 }
 
+// docs/derivation.md (D62), with the poses of (D19).
 TEST_F(LandmarkMapTest, ATimeOffsetMovesTheCameras) {
   // The states hold 20 ms before the image: the body's velocity carries them over.
   calibration_.td = 0.02;

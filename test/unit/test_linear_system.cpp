@@ -220,6 +220,7 @@ TEST(LinearSystem, UnitsDoNotMatter) {
 }
 
 // A random step adds its variance to the covariance, and to nothing else.
+// docs/derivation.md (D41).
 TEST(LinearSystem, LooseningAddsVariance) {
   const LinearSystem system = randomSystem(12);
   const VectorXd solution = system.H.llt().solve(system.g);

@@ -62,6 +62,7 @@ Batch makeBatch(const NoiseCase& noise, double largest) {
 
 class NoiseAdaptationFinds : public ::testing::TestWithParam<NoiseFactors> {};
 
+// docs/derivation.md (D54)-(D59), all together.
 TEST_P(NoiseAdaptationFinds, TheTrueFactors) {
   double log_accelerometer = 0.0, log_gyroscope = 0.0;
   constexpr int kSeeds = 4;
@@ -92,6 +93,7 @@ INSTANTIATE_TEST_SUITE_P(Factors, NoiseAdaptationFinds,
                          ::testing::Values(NoiseFactors{1.0, 1.0}, NoiseFactors{12.0, 2.3},
                                            NoiseFactors{5.0, 1.0}, NoiseFactors{2.0, 6.0}));
 
+// docs/derivation.md (D58).
 TEST(NoiseAdaptation, StaysWithinItsBounds) {
   NoiseCase noise;
   noise.truth = {12.0, 2.0};
@@ -114,6 +116,7 @@ TEST(NoiseAdaptation, AnImuBetterThanItsDataSheetKeepsTheDataSheet) {
 }
 
 // A sensor that shows nothing is taken for one that vibrates, not for one that is as good as its data sheet.
+// docs/derivation.md (D57): the prior alone.
 TEST(NoiseAdaptation, WithoutEvidenceTheFactorsAreThoseOfAVibratingDrone) {
   NoiseAdaptation noise(ImuNoise(), 40.0);
   for (int i = 0; i < 50; ++i) noise.update();
@@ -122,6 +125,7 @@ TEST(NoiseAdaptation, WithoutEvidenceTheFactorsAreThoseOfAVibratingDrone) {
 }
 
 // One update may change the variance by a factor of nine: a single bad solution does no lasting harm.
+// docs/derivation.md (D58).
 TEST(NoiseAdaptation, OneUpdateChangesTheFactorByThreeAtMost) {
   NoiseCase noise;
   noise.truth = {30.0, 30.0};
@@ -139,6 +143,7 @@ TEST(NoiseAdaptation, OneUpdateChangesTheFactorByThreeAtMost) {
 
 // Evidence is gathered at the factors that were believed then. Taken as linear in what they have changed since, it let a
 // factor of 40 come down to 3 only after half a minute. Solved again with what it leads to, it leads all the way down.
+// docs/derivation.md (D59).
 TEST(NoiseAdaptation, EvidenceGatheredAtFactorsTooLargeLeadsBackDown) {
   Batch batch = makeBatch(NoiseCase(), 40.0);
   const ImuNoise nominal = batch.graph.frames().back().preintegration->noise();
@@ -163,6 +168,7 @@ TEST(NoiseAdaptation, EvidenceGatheredAtFactorsTooLargeLeadsBackDown) {
 }
 
 // Noise that grows suddenly: what many intervals say changes little at first.
+// docs/derivation.md (D60).
 TEST(NoiseAdaptation, TheLastFewIntervalsShowNoiseThatHasGrown) {
   double shown[2];
   for (const bool grown : {false, true}) {
@@ -200,6 +206,7 @@ TEST(NoiseAdaptation, ScalesTheDensitiesAndNotTheWalks) {
   EXPECT_EQ(noise.gyroscope_random_walk, nominal.gyroscope_random_walk);
 }
 
+// docs/derivation.md (D61).
 TEST(FittedPixelSigma, FollowsTheTracksWithinBounds) {
   for (const double sigma : {0.05, 0.5, 1.2}) {
     NoiseCase noise;

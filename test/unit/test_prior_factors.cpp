@@ -108,7 +108,7 @@ TEST(TransformPriors, HandValues) {
   EXPECT_LT((test::evaluate(pose, poseBlocks(opposite)).residual - expected).norm(), 1e-13);
 }
 
-// docs/derivation.md (D31).
+// docs/derivation.md (D31), and with it (D35).
 TEST(DiagonalPriorFactor, ComponentByComponent) {
   const Vector3d mean(1.0, 2.0, 3.0), sigma(0.1, 0.5, 2.0);
   const DiagonalPriorFactor<3> factor(mean, sigma);

@@ -52,6 +52,7 @@ TEST(Propagator, SaysNothingWithoutAState) {
   for (int i = 0; i < 10; ++i) EXPECT_FALSE(propagator.add(motion.sample(i * kStep)).has_value());
 }
 
+// docs/derivation.md (D51).
 TEST(Propagator, FollowsAnExactMotion) {
   const CircleMotion motion = biasedCircle();
   Propagator propagator(kGravity);
@@ -119,6 +120,7 @@ TEST(Propagator, ClearForgets) {
 }
 
 /// The propagated covariance is that of many noisy runs from noisy states.
+/// docs/derivation.md (D52), (D53).
 TEST(Propagator, CovarianceMatchesMonteCarlo) {
   CircleMotion motion;
   ImuNoise noise;

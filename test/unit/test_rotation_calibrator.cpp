@@ -171,6 +171,7 @@ TEST(RotationCalibrator, PureRotationIsEnough) {
 
 // The camera turns about the IMU: its parallax is within the noise and goes with the rotation, and two views take part of it
 // for rotation, the same part in every pair.
+// docs/derivation.md (D43).
 TEST(RotationCalibrator, ParallaxOfTheLeverArmIsNotTakenForRotation) {
   for (MotionKind kind : {MotionKind::kPureRotation, MotionKind::kPanTilt}) {
     double worst = 0.0, mean_nees = 0.0;
@@ -193,6 +194,7 @@ TEST(RotationCalibrator, ParallaxOfTheLeverArmIsNotTakenForRotation) {
 }
 
 // Turned slowly in the hand the rig sways by centimetres: a parallax within the noise that lasts for many pairs.
+// docs/derivation.md (D45).
 TEST(RotationCalibrator, SwayWhileTurningIsInTheSigma) {
   double worst = 0.0, worst_error = 0.0;
   for (int seed = 1; seed <= 2 * kFewSeeds; ++seed) {
@@ -216,6 +218,7 @@ TEST(RotationCalibrator, SwayWhileTurningIsInTheSigma) {
 
 // Steady translation within the noise looks like a steady rotation, and that like a bias; a rig at rest looks as if it might
 // translate so.
+// docs/derivation.md (D45).
 TEST(RotationCalibrator, TheBiasIsHonestUnderSteadyTranslationAndAtRest) {
   double worst = 0.0, worst_error = 0.0;
   for (int seed = 1; seed <= 2 * kFewSeeds; ++seed) {

@@ -207,6 +207,7 @@ TEST_F(SessionTest, AHeldPartIsNeverCalledConverged) {
   EXPECT_NEAR(session.knowledge()->extrinsics.sigma_translation, sigma, 1e-9);
 }
 
+// docs/derivation.md (D66): the share of the images.
 TEST_F(SessionTest, TheRotationIsNeverKnownBetterThanTheImagesAre) {
   const double focal_length = CameraModel(*data_->rig.rig.camera).focalLength();
   const auto leastSigma = [&](double image_accuracy) {

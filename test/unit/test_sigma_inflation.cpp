@@ -39,6 +39,7 @@ TEST(SigmaInflation, BeginsAboveTheLeast) {
   EXPECT_LT(inflation.factor(), 2.0);
 }
 
+// docs/derivation.md (D65).
 TEST(SigmaInflation, ConsistentEstimateStaysNearTheLeast) {
   double mean = 0.0;
   for (unsigned seed = 1; seed <= 20; ++seed) {
@@ -49,6 +50,7 @@ TEST(SigmaInflation, ConsistentEstimateStaysNearTheLeast) {
   EXPECT_LT(mean, 1.6);
 }
 
+// docs/derivation.md (D65).
 TEST(SigmaInflation, GrowsWithTheExcessOfTheSteps) {
   double twice = 0.0;
   for (unsigned seed = 1; seed <= 20; ++seed) twice += factorAfter(40, 1.6, seed) / 20.0;
@@ -56,6 +58,7 @@ TEST(SigmaInflation, GrowsWithTheExcessOfTheSteps) {
   for (unsigned seed = 1; seed <= 5; ++seed) EXPECT_DOUBLE_EQ(factorAfter(40, 10.0, seed), 4.8);
 }
 
+// docs/derivation.md (D65).
 TEST(SigmaInflation, HeldPartsAndGrownVariancesSayNothing) {
   SigmaInflation inflation(1.2);
   const double before = inflation.factor();

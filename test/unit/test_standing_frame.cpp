@@ -119,6 +119,7 @@ TEST_P(StandingFrameTest, ItsTimeMovesOnAndItsPoseDoesNot) {
   EXPECT_GT(begun_here, 100U) << "new tracks must begin in the standing frame";
 }
 
+// docs/derivation.md (D36).
 TEST_P(StandingFrameTest, BiasesWalkAndTheGyroscopeIsLearned) {
   const TimeNs begin = standing().stamp;
   const Matrix15d before = standing().preintegration->covariance();

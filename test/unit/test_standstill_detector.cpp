@@ -155,6 +155,7 @@ TEST(StandstillDetector, AnEstimatedVelocitySpeaksAgainstIt) {
   EXPECT_LT(rig.waitFor(true, 10.0), 0.0);
 }
 
+// docs/derivation.md (D37): what it refuses; StandsAfterASecond has what it takes.
 TEST(StandstillDetector, VibrationBeyondTheFittedNoiseIsNoStandstill) {
   Rig rig(1);
   rig.noise_factor = 3.0;

@@ -115,6 +115,7 @@ struct NoisyCase {
 
 class TwoViewNoisy : public testing::TestWithParam<NoisyCase> {};
 
+// docs/derivation.md (D48), with all else that is in the covariance.
 TEST_P(TwoViewNoisy, ErrorIsSmallAndWithinCovariance) {
   double sum = 0.0, worst = 0.0, mean_sigma = 0.0;
   int count = 0, refused = 0;
@@ -297,6 +298,7 @@ double meanInverseDistance(const Views& views) {
   return sum / static_cast<double>(views.points1.size());
 }
 
+// docs/derivation.md (D42).
 TEST(TwoView, TellsHowMuchOfASmallParallaxItTakesForRotation) {
   double along = 0.0, predicted = 0.0;
   for (unsigned seed = 1; seed <= 100; ++seed) {
@@ -317,6 +319,7 @@ TEST(TwoView, TellsHowMuchOfASmallParallaxItTakesForRotation) {
   EXPECT_NEAR(along / predicted, 1.0, 0.3);
 }
 
+// docs/derivation.md (D42).
 TEST(TwoView, TakesNextToNothingOfAClearParallaxForRotation) {
   double mean = 0.0;
   for (unsigned seed = 1; seed <= 100; ++seed) {

@@ -15,6 +15,7 @@ Eigen::MatrixXd someInformation() {
   return A.transpose() * A;
 }
 
+// docs/derivation.md (D67).
 TEST(WithoutPrior, GivesBackWhatTheDataSay) {
   const Eigen::VectorXd sigma = Eigen::Vector3d(0.02, 0.1, 0.5), data = Eigen::Vector3d(0.3, -0.2, 1.0);
   const Eigen::MatrixXd of_data = someInformation(), of_prior = sigma.cwiseAbs2().cwiseInverse().asDiagonal();
@@ -24,6 +25,7 @@ TEST(WithoutPrior, GivesBackWhatTheDataSay) {
   EXPECT_LT((result.deviation - data).norm(), 1e-9);
 }
 
+// docs/derivation.md (D67).
 TEST(WithoutPrior, WhereTheDataSayNothingNothingIsKnown) {
   const Eigen::VectorXd sigma = Eigen::Vector2d(0.001, 0.002);
   Eigen::MatrixXd covariance = sigma.cwiseAbs2().asDiagonal();
@@ -33,6 +35,7 @@ TEST(WithoutPrior, WhereTheDataSayNothingNothingIsKnown) {
   EXPECT_GT(std::sqrt(result.covariance(1, 1)), 10.0);
 }
 
+// docs/derivation.md (D68).
 TEST(WithoutPrior, CountsSigmasAlongWhatTheDataKnow) {
   const double turn = 0.4;
   const Eigen::Matrix3d R = Eigen::AngleAxisd(turn, Eigen::Vector3d::UnitY()).toRotationMatrix();
