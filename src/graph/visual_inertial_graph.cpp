@@ -13,7 +13,6 @@
 namespace autocal_vio {
 namespace {
 
-constexpr double kGaugeSigma = 1e-4;             // [m], [rad]: far below what is estimated, well conditioned
 constexpr double kInverseDepthPriorMean = 0.25;  // [1/m]
 constexpr double kInverseDepthPriorSigma =
     50.0;  // [1/m] all landmarks share it: tighter pulls a near scene's scale
@@ -44,16 +43,17 @@ VisualInertialGraph::VisualInertialGraph(const GraphOptions& options, const Cali
   calibration_.td = prior.td;
 }
 
-void VisualInertialGraph::anchorFirstFrame(double sigma_gyroscope_bias, double sigma_accelerometer_bias) {
+void VisualInertialGraph::anchorFirstFrame(double sigma_gyroscope_bias, double sigma_accelerometer_bias,
+                                           const GaugeSigmas& gauge) {
   const FrameState& first = frames_.front();
   FirstFramePrior prior;
   prior.frame = first.id;
   prior.T_WB = first.T_WB();
   prior.pose_sqrt_information.setZero();
-  prior.pose_sqrt_information.diagonal().head<3>().setConstant(1.0 / kGaugeSigma);
+  prior.pose_sqrt_information.diagonal().head<3>().setConstant(1.0 / gauge.position);
   // Yaw alone: a rotation about the world's vertical, seen in B.
   const Eigen::Vector3d vertical_B = first.rotation().conjugate() * Eigen::Vector3d::UnitZ();
-  prior.pose_sqrt_information.block<1, 3>(3, 3) = vertical_B.transpose() / kGaugeSigma;
+  prior.pose_sqrt_information.block<1, 3>(3, 3) = vertical_B.transpose() / gauge.yaw;
   prior.motion_mean.setZero();
   prior.motion_mean.segment<3>(3) = first.bias().gyroscope;
   prior.motion_sigma << Eigen::Vector3d::Constant(kUnknownVelocitySigma),

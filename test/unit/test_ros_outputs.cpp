@@ -162,7 +162,7 @@ TEST(OdometryConversion, CovarianceOfTheBaseMatchesMonteCarlo) {
   EXPECT_LT((sampled - expected).norm() / expected.norm(), 0.05);
 }
 
-/// Attitude, velocity and rate off by what their covariances say, the first two correlated: the twist of the base.
+/// docs/derivation.md (D69). Attitude, velocity and rate off by what their covariances say, the first two correlated: the twist of the base.
 TEST(OdometryConversion, CovarianceOfTheTwistMatchesMonteCarlo) {
   MotionState state = someMotion();
   state.covariance.block<6, 6>(3, 3) = 1e-4 * somePositiveMatrix();

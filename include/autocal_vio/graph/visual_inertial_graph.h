@@ -38,12 +38,19 @@ struct CalibrationPrior {
   double sigma_td = 0.05;  ///< [s]
 };
 
+/// Of position and yaw where an estimate begins, which no measurement tells: far below what is estimated, well conditioned.
+struct GaugeSigmas {
+  double position = 1e-4;  ///< [m]
+  double yaw = 1e-4;       ///< [rad]
+};
+
 class VisualInertialGraph {
  public:
   VisualInertialGraph(const GraphOptions& options, const CalibrationPrior& prior);
 
   /// Fixes position and yaw of the first frame (the gauge) and adds priors on its biases [rad/s, m/s^2].
-  void anchorFirstFrame(double sigma_gyroscope_bias, double sigma_accelerometer_bias);
+  void anchorFirstFrame(double sigma_gyroscope_bias, double sigma_accelerometer_bias,
+                        const GaugeSigmas& gauge = GaugeSigmas());
 
   /// Makes the prior on the extrinsics so weak that it says nothing.
   void dropExtrinsicsPrior();
