@@ -132,10 +132,9 @@ void CalibrationRecord::remember(const SlidingWindowEstimator& estimator) {
   current_ = knowledge;
 }
 
-std::optional<CalibrationKnowledge> CalibrationRecord::knowledge(CalibrationTrust trust, bool held) const {
-  const std::optional<CalibrationKnowledge>& known =
-      held || trust == CalibrationTrust::kAll ? current_ : converged_;
-  return trust == CalibrationTrust::kWithinABump && known ? withinABump(*known) : known;
+std::optional<CalibrationKnowledge> CalibrationRecord::knowledge(CalibrationTrust trust) const {
+  if (trust == CalibrationTrust::kAll) return current_;
+  return trust == CalibrationTrust::kWithinABump && converged_ ? withinABump(*converged_) : converged_;
 }
 
 void CalibrationRecord::forgetSteps() {

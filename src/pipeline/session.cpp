@@ -249,6 +249,13 @@ void Session::hold(const FreezeSelection& parts) {
                 estimator_->newest().stamp);  // what was said of parts held before holds no longer
 }
 
+std::optional<ExtrinsicsPrior> Session::heldExtrinsics() const {
+  const std::optional<CalibrationKnowledge> now = record_.knowledge(CalibrationTrust::kAll);
+  if (!now || !areExtrinsicsHeld()) return std::nullopt;
+  return calibration_trust_ == CalibrationTrust::kWithinABump ? withinABump(now->extrinsics)
+                                                              : now->extrinsics;
+}
+
 void Session::fillFromInitializer(VioUpdate* update) const {
   const InitializerStatus& status = initializer_->status();
   update->state = status.rotation_known ? VioState::kCalibratingTranslation : VioState::kCalibratingRotation;

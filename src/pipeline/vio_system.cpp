@@ -151,6 +151,8 @@ class VioSystem::Impl {
       rig.extrinsics_prior = knowledge->extrinsics;
       rig.time_offset_prior = knowledge->time_offset;
     }
+    if (const std::optional<ExtrinsicsPrior> held = session_->heldExtrinsics()) rig.extrinsics_prior = held;
+    if (options_.fix_extrinsics) rig.extrinsics_prior = rig_.extrinsics_prior;
     return rig;
   }
 

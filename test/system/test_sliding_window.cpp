@@ -186,7 +186,7 @@ TEST(SlidingWindow, LittleIsLearnedOfPositionAndYaw) {
         "%s: sigma of height and yaw %.2f m, %.4f rad after the batch, %.2f m, %.4f rad %.0f s later\n",
         realistic ? "realistic" : "euroc", begin(0), begin(1), end(0), end(1),
         toSeconds(data.frames[i - 1].stamp - data.frames[101].stamp));
-    EXPECT_NEAR(begin(0), gauge.position, 0.05 * gauge.position);
+    EXPECT_GT(begin(0), 0.8 * gauge.position) << "the prior of a landmark's depth measures a little";
     EXPECT_NEAR(begin(1), gauge.yaw, 0.05 * gauge.yaw);
     EXPECT_GT(end(0), 0.4 * gauge.position);
     EXPECT_GT(end(1), 0.1 * gauge.yaw);

@@ -34,9 +34,8 @@ class CalibrationRecord {
   /// The camera has moved on its mount: what was known before holds to within a bump, for this session or the next.
   void noteMovedMount();
 
-  /// As a prior for the next session; nothing where it never got that far. `held`: extrinsics are, and stay to the bit
-  /// whatever has become of the rest.
-  std::optional<CalibrationKnowledge> knowledge(CalibrationTrust trust, bool held = false) const;
+  /// As a prior for the next session; nothing where it never got that far.
+  std::optional<CalibrationKnowledge> knowledge(CalibrationTrust trust) const;
 
   const ExtrinsicMonitor& monitor() const { return monitor_; }
   bool converged() const { return monitor_.converged() && !mount_moved_; }

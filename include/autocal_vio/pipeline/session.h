@@ -37,10 +37,10 @@ class Session {
   std::optional<Eigen::Matrix3d> predictedRotation(TimeNs previous, TimeNs current,
                                                    const ImuBuffer& imu) const;
   /// The calibration so far as a prior for the next session; nothing where it never got that far. Once the estimate
-  /// has diverged, only what had converged before counts, and what is held.
-  std::optional<CalibrationKnowledge> knowledge() const {
-    return record_.knowledge(calibration_trust_, areExtrinsicsHeld());
-  }
+  /// has diverged, only what had converged before counts.
+  std::optional<CalibrationKnowledge> knowledge() const { return record_.knowledge(calibration_trust_); }
+  /// The extrinsics while any part of them is held: they stay, to the bit, whatever becomes of the rest.
+  std::optional<ExtrinsicsPrior> heldExtrinsics() const;
   /// What the data have found wrong with the extrinsics that the session began with, in words; empty: nothing.
   const std::string& priorProblem() const { return prior_problem_; }
   /// The same of the time offset that it began with, which is not used any more then.
