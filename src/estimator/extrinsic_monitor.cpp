@@ -32,6 +32,12 @@ double roundedUp(double value) {
   return std::ceil(value / unit) * unit;
 }
 
+// A part that was held has proved nothing: neither that it stays nor that it was ever within the limits.
+bool isReleased(const CalibrationSample& before, const CalibrationSample& now) {
+  return (before.translation_held && !now.translation_held) || (before.rotation_held && !now.rotation_held) ||
+         (before.td_held && !now.td_held);
+}
+
 // Largest move between two estimates, in sigmas of the axis.
 double largestStep(const CalibrationSample& from, const CalibrationSample& to, const Vector6d& sigma) {
   if (!from.T_BC.isFinite() || !to.T_BC.isFinite()) return std::numeric_limits<double>::infinity();
@@ -55,6 +61,10 @@ void ExtrinsicMonitor::reset() {
 }
 
 void ExtrinsicMonitor::add(const CalibrationSample& sample) {
+  if (!history_.empty() && isReleased(history_.back(), sample)) {
+    history_.clear();
+    converged_ = false;
+  }
   history_.push_back(sample);
   const TimeNs horizon = fromSeconds(options_.stable_time);
   while (history_.size() > 2 && history_[1].stamp <= sample.stamp - horizon) history_.pop_front();

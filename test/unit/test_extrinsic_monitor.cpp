@@ -250,5 +250,26 @@ TEST(ExtrinsicMonitor, ResetForgetsEverything) {
   EXPECT_FALSE(monitor.converged());
 }
 
+// 10 mm is within what a converged calibration keeps, but not within what it has to reach.
+TEST(ExtrinsicMonitor, AReleasedPartHasToReachTheLimits) {
+  ExtrinsicMonitor monitor{ExtrinsicMonitorOptions()};
+  CalibrationSample sample = withSigma(0.0, 1, 0.010);
+  sample.translation_held = true;
+  for (int i = 0; i <= 20; ++i) {
+    sample.stamp = fromSeconds(0.2 * i);
+    monitor.add(sample);
+  }
+  EXPECT_TRUE(monitor.converged()) << monitor.reason();
+  EXPECT_FALSE(contains(monitor.reason(), "translation")) << monitor.reason();
+  sample.translation_held = false;
+  for (int i = 21; i <= 40; ++i) {
+    sample.stamp = fromSeconds(0.2 * i);
+    monitor.add(sample);
+    EXPECT_FALSE(monitor.converged()) << monitor.reason();
+  }
+  EXPECT_TRUE(contains(monitor.reason(), "translation along y of the IMU is known to 10 mm"))
+      << monitor.reason();
+}
+
 }  // namespace
 }  // namespace autocal_vio
