@@ -82,8 +82,9 @@ bool CalibrationServices::reset(Reset::Request& request, Reset::Response& respon
     system.reset(keep);
   };
   if (runCommand(hooks_.worker(), command, &response)) {
-    response.message = keep ? "started anew with the calibration kept"
-                            : "started anew from what the rig file gives; what was held is released";
+    response.message =
+        keep ? "started anew with the calibration kept"
+             : "started anew from what the rig file gives; what ~freeze_extrinsics held is released";
   }
   return true;
 }
