@@ -1,5 +1,7 @@
 #include "autocal_vio/factors/marginal_prior_factor.h"
 
+#include <utility>
+
 #include "autocal_vio/factors/manifolds.h"
 #include "autocal_vio/geometry/so3.h"
 
@@ -7,65 +9,57 @@ namespace autocal_vio {
 namespace {
 
 using RowMajorX = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-
-int tangentSizeOf(int ambient) {
-  return ambient == 7 ? 6 : ambient == 4 ? 3 : ambient;
-}
-bool hasQuaternion(int ambient) {
-  return ambient == 7 || ambient == 4;
-}
-
-// x [-] x0 with rotations Log(q0^-1 q), into `difference`.
-void boxMinus(const double* x, const PriorState& x0, Eigen::Ref<Eigen::VectorXd> difference) {
-  const int ambient = static_cast<int>(x0.size());
-  const int plain = hasQuaternion(ambient) ? ambient - 4 : ambient;
-  for (int i = 0; i < plain; ++i) difference(i) = x[i] - x0(i);
-  if (hasQuaternion(ambient)) {
-    const Eigen::Map<const Eigen::Quaterniond> q(x + plain), q0(x0.data() + plain);
-    difference.tail<3>() = logSo3(q0.conjugate() * q);
-  }
-}
+using Chain = Eigen::Matrix<double, 3, 4>;
 
 }  // namespace
 
-MarginalPriorFactor::MarginalPriorFactor(const std::vector<PriorState>& linearization_points,
-                                         const Eigen::MatrixXd& jacobian, const Eigen::VectorXd& residual)
-    : linearization_points_(linearization_points), jacobian_(jacobian), residual_(residual) {
-  set_num_residuals(static_cast<int>(residual.size()));
-  for (const PriorState& state : linearization_points_)
+MarginalPriorFactor::MarginalPriorFactor(MarginalPrior prior) : prior_(std::move(prior)) {
+  set_num_residuals(static_cast<int>(prior_.residual().size()));
+  for (const PriorState& state : prior_.points())
     mutable_parameter_block_sizes()->push_back(static_cast<int>(state.size()));
 }
 
 bool MarginalPriorFactor::Evaluate(double const* const* parameters, double* residuals,
                                    double** jacobians) const {
-  thread_local Eigen::VectorXd difference;  // the solver's innermost loop: no memory is taken from the heap
-  difference.resize(jacobian_.cols());
-  int column = 0;
-  for (std::size_t i = 0; i < linearization_points_.size(); ++i) {
-    const int tangent = tangentSizeOf(static_cast<int>(linearization_points_[i].size()));
-    boxMinus(parameters[i], linearization_points_[i], difference.segment(column, tangent));
-    column += tangent;
-  }
-  Eigen::Map<Eigen::VectorXd> residual(residuals, residual_.size());
-  residual = residual_;
-  residual.noalias() += jacobian_ * difference;
+  const Eigen::MatrixXd& J_e = prior_.jacobian();
+  thread_local Eigen::VectorXd error;  // the solver's innermost loop: no memory is taken from the heap
+  error.resize(J_e.cols());
+  prior_.errorOf(parameters, error);
+  Eigen::Map<Eigen::VectorXd> residual(residuals, prior_.residual().size());
+  residual = prior_.residual();
+  residual.noalias() += J_e * error;
   if (!jacobians) return true;
 
-  column = 0;
-  for (std::size_t i = 0; i < linearization_points_.size(); ++i) {
-    const int ambient = static_cast<int>(linearization_points_[i].size()), tangent = tangentSizeOf(ambient);
+  int column = 0;
+  const std::vector<PriorState>& points = prior_.points();
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const PriorState& x0 = points[i];
+    const int ambient = static_cast<int>(x0.size());
     if (jacobians[i]) {
-      Eigen::Map<RowMajorX> J(jacobians[i], residual_.size(), ambient);
-      const int plain = hasQuaternion(ambient) ? ambient - 4 : ambient;
-      J.leftCols(plain) = jacobian_.middleCols(column, plain);
-      if (hasQuaternion(ambient)) {
-        const Eigen::Map<const Eigen::Quaterniond> q(parameters[i] + plain);
-        const Eigen::Matrix<double, 3, 4> chain =
-            rightJacobianInverseSo3(difference.segment<3>(column + plain)) * rotationByQuaternion(q);
-        J.rightCols<4>().noalias() = jacobian_.middleCols<3>(column + plain) * chain;
+      Eigen::Map<RowMajorX> J(jacobians[i], residual.size(), ambient);
+      if (ambient == 7) {
+        const Eigen::Map<const Eigen::Quaterniond> q(parameters[i] + 3), q0(x0.data() + 3);
+        const Eigen::Matrix3d R = q.toRotationMatrix(), turn = (q * q0.conjugate()).toRotationMatrix();
+        const Chain by_q = R * rotationByQuaternion(q);  // world rotation by the coefficients
+        J.leftCols<3>() = J_e.middleCols<3>(column);
+        // phi by a rotation from the left: Jl^-1(phi) = Jr^-1(-phi).
+        J.rightCols<4>().noalias() = J_e.middleCols<3>(column + 3) *
+                                     Chain(rightJacobianInverseSo3(-error.segment<3>(column + 3)) * by_q);
+        const Eigen::Vector3d turned = turn * (x0.head<3>() - prior_.centre());
+        J.rightCols<4>().noalias() += J_e.middleCols<3>(column) * Chain(skew(turned) * by_q);
+        if (i + 1 < points.size() && points[i + 1].size() == 9) {
+          const Eigen::Vector3d turned_velocity = turn * points[i + 1].head<3>();
+          J.rightCols<4>().noalias() += J_e.middleCols<3>(column + 6) * Chain(skew(turned_velocity) * by_q);
+        }
+      } else if (ambient == 4) {
+        const Eigen::Map<const Eigen::Quaterniond> q(parameters[i]);
+        J.noalias() = J_e.middleCols<3>(column) *
+                      Chain(rightJacobianInverseSo3(error.segment<3>(column)) * rotationByQuaternion(q));
+      } else {
+        J = J_e.middleCols(column, ambient);
       }
     }
-    column += tangent;
+    column += tangentSizeOf(ambient);
   }
   return true;
 }

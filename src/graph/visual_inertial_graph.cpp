@@ -141,6 +141,13 @@ std::vector<Block> VisualInertialGraph::blocksOf(const std::vector<BlockKey>& ke
   return blocks;
 }
 
+std::vector<PriorState> VisualInertialGraph::statesOf(const std::vector<BlockKey>& keys) const {
+  std::vector<PriorState> states;
+  for (const BlockKey& key : keys)
+    states.push_back(Eigen::Map<const PriorState>(blockOf(key).data, ambientSize(key.kind)));
+  return states;
+}
+
 Factor VisualInertialGraph::imuFactor(std::size_t i) const {
   const FrameState &before = frames_[i - 1], &frame = frames_[i];
   return {std::make_unique<ImuFactor>(frame.preintegration, gravity_W()), 0.0,
@@ -229,12 +236,11 @@ void VisualInertialGraph::appendStandstill(const FrameState& frame, std::vector<
                       {blockOf({frame.id, BlockKind::kMotion})}});
 }
 
+// Linearised where the other factors are, (D70).
 void VisualInertialGraph::appendMarginalPrior(std::vector<Factor>* factors) const {
   if (!marginal_prior_) return;
-  const MarginalPrior& prior = *marginal_prior_;
-  factors->push_back(
-      {std::make_unique<MarginalPriorFactor>(prior.linearization_points, prior.jacobian, prior.residual), 0.0,
-       blocksOf(prior.keys)});
+  factors->push_back({std::make_unique<MarginalPriorFactor>(marginal_prior_->at(statesOf(prior_keys_))), 0.0,
+                      blocksOf(prior_keys_)});
 }
 
 void VisualInertialGraph::appendExtrinsicsPrior(std::vector<Factor>* factors) const {
@@ -305,7 +311,7 @@ void VisualInertialGraph::reopenExtrinsics(const Transform& T_BC, const Eigen::V
 void VisualInertialGraph::forgetExtrinsics() {
   if (!marginal_prior_) return;
   std::vector<BlockKey> kept;
-  for (const BlockKey& key : marginal_prior_->keys)
+  for (const BlockKey& key : prior_keys_)
     if (!(key == kRotationKey) && !(key == kTranslationKey)) kept.push_back(key);
   std::vector<BlockKey> keys{kRotationKey, kTranslationKey};
   keys.insert(keys.end(), kept.begin(), kept.end());
@@ -332,17 +338,11 @@ void VisualInertialGraph::setPrior(const std::vector<BlockKey>& keys, const Line
   const Eigen::ArrayXd values = solver.eigenvalues().array();
   const Eigen::VectorXd root = (values > 1e-12).select(values.max(1e-12).sqrt(), 0.0);
   const Eigen::VectorXd inverse_root = (values > 1e-12).select(values.max(1e-12).sqrt().inverse(), 0.0);
-  MarginalPrior prior;
-  prior.keys = keys;
-  prior.jacobian = root.asDiagonal() * solver.eigenvectors().transpose() * scale.asDiagonal();
-  prior.residual = inverse_root.asDiagonal() *
-                   (solver.eigenvectors().transpose() * (inverse_scale.asDiagonal() * system.g));
-  for (const BlockKey& key : keys) {
-    const Block block = blockOf(key);
-    prior.linearization_points.push_back(
-        Eigen::Map<const Eigen::VectorXd>(block.data, ambientSize(key.kind)));
-  }
-  marginal_prior_ = std::move(prior);
+  marginal_prior_.emplace(statesOf(keys),
+                          root.asDiagonal() * solver.eigenvectors().transpose() * scale.asDiagonal(),
+                          inverse_root.asDiagonal() *
+                              (solver.eigenvectors().transpose() * (inverse_scale.asDiagonal() * system.g)));
+  prior_keys_ = keys;
 }
 
 // The mount creeps for `seconds`: prior and calibration prior say less of the extrinsics, but for held parts (D41).
@@ -371,7 +371,7 @@ void VisualInertialGraph::marginalizeOldest() {
   kept.insert({frames_[1].id, BlockKind::kPose});
   kept.insert({frames_[1].id, BlockKind::kMotion});
   for (const BlockKey& key : {kRotationKey, kTranslationKey, kTimeOffsetKey}) kept.insert(key);
-  if (marginal_prior_) kept.insert(marginal_prior_->keys.begin(), marginal_prior_->keys.end());
+  kept.insert(prior_keys_.begin(), prior_keys_.end());
   for (const Landmark& landmark : consumed)
     for (const Observation& observation : landmark.observations)
       if (landmark.initialized) kept.insert({observation.frame, BlockKind::kPose});

@@ -9,6 +9,7 @@
 #include <optional>
 #include <vector>
 
+#include "autocal_vio/factors/marginal_prior.h"
 #include "autocal_vio/factors/prior_factors.h"
 #include "autocal_vio/graph/factor.h"
 #include "autocal_vio/graph/frame_state.h"
@@ -121,16 +122,11 @@ class VisualInertialGraph {
     Eigen::Matrix<double, 6, 6> pose_sqrt_information;
     Vector9d motion_mean, motion_sigma;
   };
-  struct MarginalPrior {
-    std::vector<BlockKey> keys;
-    std::vector<Eigen::VectorXd> linearization_points;
-    Eigen::MatrixXd jacobian;
-    Eigen::VectorXd residual;
-  };
 
   Block blockOf(const BlockKey& key) const;
   bool isHeld(BlockKind kind) const;
   std::vector<BlockKey> stateKeys() const;
+  std::vector<PriorState> statesOf(const std::vector<BlockKey>& keys) const;
   std::vector<Block> blocksOf(const std::vector<BlockKey>& keys) const;
   Factor imuFactor(std::size_t frame_index) const;
   Factor reprojectionFactor(const Landmark& landmark, const Observation& observation,
@@ -154,6 +150,7 @@ class VisualInertialGraph {
   LandmarkMap landmarks_;
   std::optional<FirstFramePrior> first_frame_prior_;
   std::optional<MarginalPrior> marginal_prior_;
+  std::vector<BlockKey> prior_keys_;  ///< of the marginal prior's states
   FrameId next_frame_id_ = 0;
 };
 
