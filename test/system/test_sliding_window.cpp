@@ -2,11 +2,14 @@
 // calibration. No initialiser is involved.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <set>
 
 #include "autocal_vio/estimator/sliding_window_estimator.h"
 #include "autocal_vio/geometry/so3.h"
+#include "autocal_vio/pipeline/calibration_record.h"
 #include "autocal_vio/sim/feature_simulator.h"
 
 namespace autocal_vio {
@@ -191,6 +194,73 @@ TEST(SlidingWindow, NothingIsLearnedOfYawAndLittleOfPosition) {
     EXPECT_GT(end(0), 0.4 * gauge.position);
     EXPECT_GT(end(1), 0.97 * gauge.yaw);
   }
+}
+
+// A track that jumps onto something else is left out from then on, and the estimate does not notice.
+TEST(SlidingWindow, TracksThatJumpAreLeftOut) {
+  FeatureSimulationOptions simulation = FeatureSimulationOptions::euroc(2);
+  simulation.motion.duration = 14.0;
+  FeatureDataset data = simulateFeatures(simulation);
+  ImuBuffer imu(1000 * kNsPerSecond);
+  for (const ImuSample& sample : data.imu) imu.add(sample);
+  const std::size_t jump = 160;
+  std::set<std::int64_t> jumped;
+  const std::vector<Feature>& before = data.frames[jump - 20].features;
+  for (const Feature& feature : data.frames[jump].features) {
+    const bool old = std::any_of(before.begin(), before.end(),
+                                 [&](const Feature& f) { return f.track_id == feature.track_id; });
+    if (old && jumped.size() < 8) jumped.insert(feature.track_id);
+  }
+  ASSERT_EQ(jumped.size(), 8u);
+  for (std::size_t i = jump; i < data.frames.size(); ++i)
+    for (Feature& feature : data.frames[i].features)
+      if (jumped.count(feature.track_id) > 0)
+        feature.normalized += feature.pixel_jacobian.inverse() * Eigen::Vector2d(12.0, -9.0);
+
+  SlidingWindowEstimator estimator = startFromTruth(data, imu, 40, 16, 4, {}, EstimatorOptions());
+  int wandering = 0;
+  for (std::size_t i = 101; i < jump + 40; ++i) {
+    ASSERT_TRUE(estimator.process(data.frames[i], imu).healthy);
+    const LandmarkMap& map = estimator.graph().landmarkMap();
+    for (const Feature& feature : data.frames[i].features) {
+      if (i < jump + 12 || jumped.count(feature.track_id) == 0) continue;
+      EXPECT_EQ(map.wanderingTracks().count(feature.track_id), 1u) << feature.track_id;
+      ++wandering;
+    }
+    for (const auto& [id, landmark] : map.landmarks()) {
+      if (i < jump + 12 || jumped.count(landmark.track_id) == 0) continue;
+      const FrameState* last = estimator.graph().findFrame(landmark.observations.back().frame);
+      ASSERT_NE(last, nullptr);
+      EXPECT_LT(last->stamp, data.frames[jump].stamp) << landmark.track_id;
+    }
+  }
+  EXPECT_GT(wandering, 40);
+}
+
+// Drifting tracks move the extrinsics further than their sigmas say. What is published learns of it from the steps.
+TEST(SlidingWindow, ItsStepsTeachThePublishedSigmas) {
+  const auto inflation = [](FeatureSimulationOptions simulation) {
+    simulation.motion.duration = 25.0;
+    const FeatureDataset data = simulateFeatures(simulation);
+    ImuBuffer imu(1000 * kNsPerSecond);
+    for (const ImuSample& sample : data.imu) imu.add(sample);
+    SlidingWindowEstimator estimator = startFromTruth(data, imu, 40, 16, 4, {}, EstimatorOptions());
+    CalibrationRecord record(data.rig.rig, VioOptions(), 458.0);
+    for (std::size_t i = 101; i < data.frames.size() && imu.covers(data.frames[i].stamp + fromSeconds(0.03));
+         ++i) {
+      const EstimatorResult result = estimator.process(data.frames[i], imu);
+      EXPECT_TRUE(result.healthy);
+      record.add(estimator, result.keyframe_finished, data.frames[i].stamp);
+    }
+    const double white =
+        std::sqrt(estimator.covariance()->block({-1, BlockKind::kExtrinsicTranslation})(0, 0));
+    EXPECT_NEAR(std::sqrt(record.extrinsicCovariance()(0, 0)), record.sigmaInflation() * white, 1e-9);
+    return record.sigmaInflation();
+  };
+  const double white = inflation(FeatureSimulationOptions::euroc(1)),
+               drifting = inflation(FeatureSimulationOptions::realistic(1));
+  std::printf("inflation %.2f for white noise, %.2f for drifting tracks\n", white, drifting);
+  EXPECT_GT(drifting, 1.1 * white);
 }
 
 }  // namespace

@@ -69,6 +69,68 @@ TEST(VisualInertialGraph, MarginalizationKeepsTheCovarianceOfWhatRemains) {
     EXPECT_LT(relativeDifference(batch->block(key), window->block(key)), 1e-3);
 }
 
+// What a frame at rest says (docs/derivation.md (D35)) outlives the frame.
+TEST(VisualInertialGraph, MarginalizationKeepsWhatAStandstillSaid) {
+  VisualInertialGraph graph = solvedGraph(14);
+  const BlockKey motion{graph.frames().back().id, BlockKind::kMotion};
+  const Eigen::MatrixXd without = graph.covariance()->block(motion);
+  StandstillMeasurement measured;
+  measured.gyroscope_bias = graph.frames().front().bias().gyroscope;
+  measured.sigma_velocity = 10.0;  // the data's truth moves: only the bias is believed
+  measured.sigma_gyroscope_bias = 1e-5;
+  graph.frames().front().standstill = measured;
+  const Eigen::MatrixXd batch = graph.covariance()->block(motion);
+  ASSERT_LT(std::sqrt(batch(3, 3)), 0.5 * std::sqrt(without(3, 3)));
+  for (int i = 0; i < 6; ++i) graph.marginalizeOldest();
+  EXPECT_LT(relativeDifference(batch, graph.covariance()->block(motion)), 1e-3);
+}
+
+// A mount that may creep is known less as time goes by, but for the parts that are held (D41).
+TEST(VisualInertialGraph, WhatIsHeldDoesNotWalk) {
+  struct Case {
+    const char* name;
+    bool rotation_held, translation_held;
+  };
+  const auto sigmas = [](bool walk, const Case& held) {
+    VisualInertialGraph graph = solvedGraph(14);
+    if (walk) {
+      graph.options().rotation_walk = 0.02;
+      graph.options().translation_walk = 0.5;
+    }
+    graph.calibration().rotation_held = held.rotation_held;
+    graph.calibration().translation_held = held.translation_held;
+    for (int i = 0; i < 6; ++i) graph.marginalizeOldest();
+    graph.calibration().rotation_held = graph.calibration().translation_held = false;
+    const std::optional<GraphCovariance> covariance = graph.covariance();
+    return std::make_pair(std::sqrt(covariance->block(kRotation).trace()),
+                          std::sqrt(covariance->block(kTranslation).trace()));
+  };
+  for (const Case& held : {Case{"nothing", false, false}, Case{"rotation", true, false},
+                           Case{"translation", false, true}, Case{"both", true, true}}) {
+    SCOPED_TRACE(held.name);
+    const auto [rotation, translation] = sigmas(true, held);
+    const auto [rotation_still, translation_still] = sigmas(false, held);
+    if (held.rotation_held && held.translation_held) {
+      EXPECT_NEAR(rotation, rotation_still, 1e-6 * rotation);
+      EXPECT_NEAR(translation, translation_still, 1e-6 * translation);
+      continue;
+    }
+    if (!held.rotation_held) {
+      EXPECT_GT(rotation, 1.2 * rotation_still);
+    }
+    if (!held.translation_held) {
+      EXPECT_GT(translation, 1.2 * translation_still);
+    }
+    // The two are correlated: what is held loses a little by the other, not by a walk of its own.
+    if (held.rotation_held) {
+      EXPECT_LT(rotation, 1.1 * rotation_still);
+    }
+    if (held.translation_held) {
+      EXPECT_LT(translation, 1.1 * translation_still);
+    }
+  }
+}
+
 TEST(VisualInertialGraph, MarginalizationKeepsTheSolution) {
   VisualInertialGraph graph = solvedGraph(14);
   const Transform before = graph.frames().back().T_WB();
