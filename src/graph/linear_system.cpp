@@ -132,7 +132,9 @@ class LandmarkElimination {
 
   void eliminate(LinearSystem* system) {
     Eigen::Matrix3d damped = V_;
-    damped.diagonal().array() += 1e-12 * (1.0 + V_.trace());  // a landmark without any parallax
+    // For a landmark without any parallax. Its place is fixed in the world, so that this measures where the poses are: just
+    // more than rounding errors, of each direction its own.
+    damped.diagonal().array() += 1e-14 * V_.diagonal().array() + 1e-12;
     const Eigen::LLT<Eigen::Matrix3d> cholesky(damped);
     const Eigen::Matrix3d L_inverse = cholesky.matrixL().solve(Eigen::Matrix3d::Identity());
     const Eigen::Matrix<double, Eigen::Dynamic, 3> half = W_.topRows(size_) * L_inverse.transpose();

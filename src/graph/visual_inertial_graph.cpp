@@ -14,8 +14,8 @@ namespace autocal_vio {
 namespace {
 
 constexpr double kInverseDepthPriorMean = 0.25;  // [1/m]
-constexpr double kInverseDepthPriorSigma =
-    50.0;  // [1/m] all landmarks share it: tighter pulls a near scene's scale
+// [1/m] all landmarks share it: tighter pulls a near scene's scale, and tells where in the world the anchors are
+constexpr double kInverseDepthPriorSigma = 1000.0;
 // [1/m] a damped solve moves an inverse depth that the images do not tell by no more. Where a rig sets off slowly its
 // landmarks have next to no parallax: Gauss-Newton throws some of them behind the camera, the step is refused, and
 // everything else stands still with them. 5 does as well, 15 does not.
