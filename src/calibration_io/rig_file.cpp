@@ -15,9 +15,10 @@ constexpr int kLargestImage = 20000;   // [px]
 const char* const kImuKeys[] = {"accelerometer_noise_density", "accelerometer_random_walk",
                                 "gyroscope_noise_density", "gyroscope_random_walk", "update_rate"};
 
-bool isCameraName(const std::string& key) {
-  return key.size() > 3 && key.rfind("cam", 0) == 0 &&
-         key.find_first_not_of("0123456789", 3) == std::string::npos;
+// Kalibr's names: cam0, imu1.
+bool isNumbered(const std::string& key, const std::string& kind) {
+  return key.size() > kind.size() && key.rfind(kind, 0) == 0 &&
+         key.find_first_not_of("0123456789", kind.size()) == std::string::npos;
 }
 
 // A strictly positive number, at most `largest`.
@@ -190,6 +191,7 @@ class RigReader {
     }
     if (std::optional<YamlSection> imu = root.section("imu0")) readImuOnce(&*imu, path);
     saw_imu_ = saw_imu_ || root.has("imu0");
+    ignoreOthers(&root, "imu", path);
     readCameras(&root, path);
     root.refuseUnknownKeys();
   }
@@ -216,12 +218,17 @@ class RigReader {
     readImu(section, &rig_);
   }
 
-  void readCameras(YamlSection* root, const std::string& path) {
+  // Kalibr's files may describe several sensors of a kind: cam1, imu1.
+  void ignoreOthers(YamlSection* root, const std::string& kind, const std::string& path) {
     for (const std::string& key : root->keys()) {
-      if (!isCameraName(key) || key == "cam0") continue;
+      if (!isNumbered(key, kind) || key == kind + "0") continue;
       root->ignore(key);
-      notes_.push_back(path + ": " + key + " is ignored; cam0 is used");
+      notes_.push_back(path + ": " + key + " is ignored; " + kind + "0 is used");
     }
+  }
+
+  void readCameras(YamlSection* root, const std::string& path) {
+    ignoreOthers(root, "cam", path);
     std::optional<YamlSection> camera = root->section("cam0");
     if (!camera) return;
     readCamera(&*camera, &rig_);

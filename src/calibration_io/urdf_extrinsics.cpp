@@ -11,6 +11,7 @@
 #include "autocal_vio/calibration_io/load_problems.h"
 #include "autocal_vio/calibration_io/text_file.h"
 #include "autocal_vio/calibration_io/urdf_text.h"
+#include "autocal_vio/calibration_io/urdfdom_messages.h"
 #include "autocal_vio/rig/rig_model.h"
 
 namespace autocal_vio {
@@ -49,10 +50,12 @@ void checkXml(const UrdfText& urdf) {
 
 urdf::ModelInterfaceSharedPtr parseModel(const UrdfText& urdf) {
   checkXml(urdf);
+  const UrdfdomMessages messages;
   urdf::ModelInterfaceSharedPtr model = urdf::parseURDF(urdf.xml);
   if (!model)
-    throw LoadProblems(
-        {urdf.source + ": is not a valid robot description (xacro files must be expanded first)"});
+    throw LoadProblems({urdf.source +
+                        ": is not a valid robot description (xacro files must be expanded first)" +
+                        (messages.errors().empty() ? "" : ": " + messages.errors())});
   return model;
 }
 

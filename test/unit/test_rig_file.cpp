@@ -138,6 +138,12 @@ cam1:
                                                                   "  - [0.0, 0.0, 0.0, 1.0]\n");
   EXPECT_EQ(loadRigFile(chain, nested).imu_noise.accelerometer_noise_density, 2.0e-3);
   EXPECT_TRUE(anyContains(problemsOf(chain), "imu0: is missing"));
+
+  const std::string two = folder.write(
+      "two-imus.yaml", std::string(kImu) + "imu1:\n  model: scale-misalignment\n  update_rate: 100.0\n");
+  notes.clear();
+  EXPECT_EQ(loadRigFile(chain, two, &notes).imu_noise.accelerometer_noise_density, 2.0e-3);
+  EXPECT_TRUE(anyContains(notes, "imu1 is ignored; imu0 is used"));
 }
 
 TEST(RigFile, AccuracyOfThePrincipalPointIsReadAndChecked) {

@@ -1,5 +1,6 @@
 #include "autocal_vio/calibration_io/urdf_extrinsics.h"
 
+#include <console_bridge/console.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -91,6 +92,39 @@ TEST(UrdfExtrinsics, NamesWhatIsMissing) {
   EXPECT_NE(
       reasonOf(folder.write("c.urdf", "<robot name='c'/>"), "a", "b").find("not a valid robot description"),
       std::string::npos);
+}
+
+struct Listener final : console_bridge::OutputHandler {
+  void log(const std::string& text, console_bridge::LogLevel /*level*/, const char* /*file*/,
+           int /*line*/) override {
+    heard.push_back(text);
+  }
+  std::vector<std::string> heard;
+};
+
+// What urdfdom logs is part of the refusal, and the process's own way of logging is as before.
+TEST(UrdfExtrinsics, SaysWhatUrdfdomSays) {
+  const TemporaryFolder folder;
+  Listener listener;
+  console_bridge::useOutputHandler(&listener);
+  const std::string orphan =
+      reasonOf(folder.write("orphan.urdf",
+                            "<robot name='r'><link name='a'/><joint name='j' type='fixed'><parent link='a'/>"
+                            "<child link='c'/></joint></robot>"),
+               "a", "c");
+  EXPECT_NE(orphan.find("[c]"), std::string::npos) << orphan;
+  const std::string number = reasonOf(
+      folder.write("number.urdf",
+                   "<robot name='r'><link name='a'/><link name='b'/><joint name='mount' type='fixed'>"
+                   "<parent link='a'/><child link='b'/><origin xyz='1 2 x'/></joint></robot>"),
+      "a", "b");
+  EXPECT_NE(number.find("mount"), std::string::npos) << number;
+  EXPECT_TRUE(listener.heard.empty());
+  EXPECT_EQ(console_bridge::getOutputHandler(), &listener);
+  CONSOLE_BRIDGE_logError("of another matter");
+  EXPECT_EQ(listener.heard.size(), 1u);
+  console_bridge::restorePreviousOutputHandler();
+  std::printf("%s\n%s\n", orphan.c_str(), number.c_str());
 }
 
 double distance(const Transform& a, const Transform& b) {
