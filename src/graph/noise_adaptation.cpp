@@ -65,6 +65,15 @@ void intervalResidual(const FrameState& i, const FrameState& j, const Eigen::Vec
   A->block<3, 3>(6, 21) = R_iT;
 }
 
+// Of [accelerometer, gyroscope]: variances over the nominal ones with which the interval was integrated, the noise of a
+// bridged gap aside.
+Eigen::Vector2d variancesWithin(const Preintegration& pre, const ImuNoise& nominal) {
+  const Eigen::Array2d densities(pre.noise().accelerometer_noise_density,
+                                 pre.noise().gyroscope_noise_density);
+  const Eigen::Array2d nominals(nominal.accelerometer_noise_density, nominal.gyroscope_noise_density);
+  return (densities / (pre.noiseFactor() * nominals)).square().matrix();
+}
+
 // Covariance of [p, theta, v] with only some of the noise switched on.
 Matrix9d componentCovariance(const Preintegration& pre, double gyro_density, double accel_density) {
   ImuNoise noise = pre.noise();
@@ -124,12 +133,17 @@ void NoiseAdaptation::addInterval(const VisualInertialGraph& graph, const GraphC
     for (int l = 0; l < 2; ++l) evidence.information(k, l) = (M[k] * U * M[l] * U).trace();
   }
   if (!evidence.information.allFinite()) return;
+  const bool enough = evidence.expected.minCoeff() > kLeastExpected;
+  // An interval tells the noise by what it was integrated with, and the factors have moved on since: evidence that is taken
+  // for that of the present factors drives them past their goal, and back, for as long as the window is.
+  const Eigen::Vector2d then = variancesWithin(pre, nominal_);
+  const Eigen::Vector2d now(std::pow(factors_.accelerometer, 2), std::pow(factors_.gyroscope, 2));
+  evidence.rescale(now.cwiseQuotient(then));
   evidence_.observed += evidence.observed;
   evidence_.expected += evidence.expected;
   evidence_.information += evidence.information;
-  if (evidence.expected.minCoeff() < kLeastExpected) return;
-  recent_.push_back(shown.cwiseProduct(
-      Eigen::Vector2d(factors_.accelerometer, factors_.gyroscope).array().square().matrix()));
+  if (!enough) return;
+  recent_.push_back(shown.cwiseProduct(then));
   if (recent_.size() > kRecentIntervals) recent_.pop_front();
 }
 

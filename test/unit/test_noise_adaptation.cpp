@@ -115,6 +115,29 @@ TEST(NoiseAdaptation, AnImuBetterThanItsDataSheetKeepsTheDataSheet) {
   EXPECT_GE(batch.noise.factors().gyroscope, 1.0);
 }
 
+// Intervals stay in the window for seconds. What they were integrated with is what their residuals are measured by, not the
+// factors that are found in the meantime: (D56).
+TEST(NoiseAdaptation, IntervalsOfOlderFactorsSayTheSame) {
+  NoiseCase noise;
+  noise.truth = {12.0, 2.3};
+  noise.seed = 3;
+  Batch batch = makeBatch(noise, 40.0);
+  ASSERT_EQ(solveAdaptingNoise(20, 4.0, &batch.graph, &batch.noise), "");
+  const std::optional<GraphCovariance> covariance = batch.graph.covariance();
+  ASSERT_TRUE(covariance);
+  const NoiseFactors found = batch.noise.factors();
+  for (const NoiseFactors& start : {NoiseFactors{4.0, 1.2}, NoiseFactors{30.0, 5.0}}) {
+    // No repropagation: the intervals keep the noise that was found above.
+    NoiseAdaptation other(scaled(batch.noise.noise(), {1.0 / found.accelerometer, 1.0 / found.gyroscope}),
+                          40.0, start);
+    for (std::size_t i = 1; i < batch.graph.frames().size(); ++i)
+      other.addInterval(batch.graph, *covariance, i);
+    for (int round = 0; round < 8; ++round) other.update();
+    EXPECT_NEAR(other.factors().accelerometer, found.accelerometer, 0.15 * found.accelerometer);
+    EXPECT_NEAR(std::log(other.factors().gyroscope / found.gyroscope), 0.0, 0.6);  // of which little is seen
+  }
+}
+
 // A sensor that shows nothing is taken for one that vibrates, not for one that is as good as its data sheet.
 // docs/derivation.md (D57): the prior alone.
 TEST(NoiseAdaptation, WithoutEvidenceTheFactorsAreThoseOfAVibratingDrone) {

@@ -61,6 +61,7 @@ class Preintegration {
   const ImuIncrement& increment() const { return increment_; }
   const ImuBias& linearizationBias() const { return bias_; }
   const ImuNoise& noise() const { return noise_; }  ///< times the noise factor
+  double noiseFactor() const { return noise_factor_; }
   const std::vector<ImuSample>& samples() const { return samples_; }
 
   /// Covariance of the error states at the end (StateOrder), bias random walks included.
