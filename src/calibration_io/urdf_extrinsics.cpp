@@ -50,12 +50,13 @@ void checkXml(const UrdfText& urdf) {
 
 urdf::ModelInterfaceSharedPtr parseModel(const UrdfText& urdf) {
   checkXml(urdf);
-  const UrdfdomMessages messages;
+  UrdfdomMessages messages;
   urdf::ModelInterfaceSharedPtr model = urdf::parseURDF(urdf.xml);
   if (!model)
     throw LoadProblems({urdf.source +
                         ": is not a valid robot description (xacro files must be expanded first)" +
                         (messages.errors().empty() ? "" : ": " + messages.errors())});
+  messages.passOn();
   return model;
 }
 

@@ -23,7 +23,7 @@ constexpr double kEarlier = 5.0;     // [s] noise of that long ago is remembered
 constexpr double kSlipNoise = 8.0;   // times the gyroscope's noise in the last second; without a slip 5, and
 constexpr double kSlipGrowth = 3.5;  // times what many keyframes say; without a slip up to 2.5
 constexpr double kSlipSinceEarlier =
-    8.5;  // times the noise before; up to 7.4 where stamps jitter by 2 ms, 10 in slips
+    8.5;  // times the noise before; up to 7.4 where stamps jitter by 1 ms, 10 in slips
 constexpr double kSlipsOn = 4.0;          // times either noise before the mount was seen to have moved
 constexpr double kFitRotation = 0.005;    // [rad] sigma of where the newest image says that the camera is
 constexpr double kFitTranslation = 0.01;  // [m] several times the error of such fits in simulation

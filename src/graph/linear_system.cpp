@@ -131,11 +131,16 @@ class LandmarkElimination {
   }
 
   void eliminate(LinearSystem* system) {
-    Eigen::Matrix3d damped = V_;
     // For a landmark without any parallax. Its place is fixed in the world, so that this measures where the poses are: just
     // more than rounding errors, of each direction its own.
-    damped.diagonal().array() += 1e-14 * V_.diagonal().array() + 1e-12;
-    const Eigen::LLT<Eigen::Matrix3d> cholesky(damped);
+    Eigen::LLT<Eigen::Matrix3d> cholesky;
+    double damping = 1e-14;
+    do {
+      Eigen::Matrix3d damped = V_;
+      damped.diagonal().array() += damping * V_.diagonal().array() + 1e-12;
+      cholesky.compute(damped);
+      damping *= 10.0;
+    } while (cholesky.info() != Eigen::Success && damping < 1.0);
     const Eigen::Matrix3d L_inverse = cholesky.matrixL().solve(Eigen::Matrix3d::Identity());
     const Eigen::Matrix<double, Eigen::Dynamic, 3> half = W_.topRows(size_) * L_inverse.transpose();
     U_.topLeftCorner(size_, size_).selfadjointView<Eigen::Lower>().rankUpdate(half, -1.0);

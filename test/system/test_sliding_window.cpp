@@ -182,6 +182,7 @@ TEST(SlidingWindow, NothingIsLearnedOfPositionAndYaw) {
     std::size_t i = 40 + 15 * 4 + 1;
     ASSERT_TRUE(estimator.process(data.frames[i++], imu).healthy);
     const Eigen::Vector2d begin = sigmas();
+    const FrameId first_frame = estimator.covarianceFrame();
     for (; i < data.frames.size() && imu.covers(data.frames[i].stamp + fromSeconds(0.03)); ++i)
       ASSERT_TRUE(estimator.process(data.frames[i], imu).healthy);
     const Eigen::Vector2d end = sigmas();
@@ -192,12 +193,15 @@ TEST(SlidingWindow, NothingIsLearnedOfPositionAndYaw) {
         toSeconds(data.frames[i - 1].stamp - data.frames[101].stamp));
     EXPECT_NEAR(begin(0), gauge.position, 0.01 * gauge.position);
     EXPECT_NEAR(begin(1), gauge.yaw, 0.01 * gauge.yaw);
+    EXPECT_GT(estimator.covarianceFrame(), first_frame + 100) << "the covariance is an old one";
     EXPECT_GT(end(0), 0.98 * gauge.position);
+    EXPECT_LT(end(0), 1.01 * gauge.position);
+    EXPECT_LT(end(1), 1.01 * gauge.yaw);
     EXPECT_GT(end(1), 0.97 * gauge.yaw);
   }
 }
 
-// A track that jumps onto something else is left out from then on, and the estimate does not notice.
+// A track that jumps onto something else is left out from then on.
 TEST(SlidingWindow, TracksThatJumpAreLeftOut) {
   FeatureSimulationOptions simulation = FeatureSimulationOptions::euroc(2);
   simulation.motion.duration = 14.0;

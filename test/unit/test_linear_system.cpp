@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 #include <array>
 #include <cmath>
@@ -142,6 +143,35 @@ TEST_F(LinearSystemTest, BlocksThatAreNotAskedForAreConstants) {
   EXPECT_LT((some.H.topLeftCorner(3, 3) - all.H.block(18, 18, 3, 3)).norm(), 1e-9 * all.H.norm());
   EXPECT_LT((some.H.topRightCorner(3, 9) - all.H.block(18, 0, 3, 9)).norm(), 1e-9 * all.H.norm());
   EXPECT_LT((some.g.tail(9) - all.g.head(9)).norm(), 1e-9 * all.g.norm());
+}
+
+// Images from one place alone tell no depth: the landmark's own system is singular but for a prior that is next to nothing.
+TEST(LinearSystem, ALandmarkSeenFromOnePlaceAloneDoesNoHarm) {
+  for (int seed = 0; seed < 200; ++seed) {
+    std::array<double, 9> motion{};
+    std::array<double, 3> landmark{};
+    const Block motion_block{motion.data(), BlockKind::kMotion},
+        landmark_block{landmark.data(), BlockKind::kLandmark};
+    MatrixXd by_landmark(2, 3);
+    by_landmark << 1500.0 * Eigen::Matrix2d::Identity(), 1e4 * randomMatrix(2, 1, seed);
+    MatrixXd by_prior = MatrixXd::Zero(1, 3);
+    by_prior(0, 2) = 1e-3;
+    std::vector<Factor> factors;
+    factors.push_back({std::make_unique<LinearCost>(std::vector<MatrixXd>{by_prior}, VectorXd::Zero(1)),
+                       0.0,
+                       {landmark_block}});
+    for (int i = 0; i < 2 + seed % 9; ++i)
+      factors.push_back(
+          {std::make_unique<LinearCost>(
+               std::vector<MatrixXd>{1500.0 * randomMatrix(2, 9, 1000 + 10 * seed + i), by_landmark},
+               randomMatrix(2, 1, 5000 + 10 * seed + i)),
+           0.0,
+           {motion_block, landmark_block}});
+    const LinearSystem system = linearize(factors, {motion_block});
+    ASSERT_TRUE(system.H.allFinite() && system.g.allFinite()) << seed;
+    const VectorXd values = Eigen::SelfAdjointEigenSolver<MatrixXd>(system.H).eigenvalues();
+    EXPECT_GT(values.minCoeff(), -1e-12 * values.maxCoeff()) << seed;
+  }
 }
 
 TEST(LinearSystem, PosesAndRotationsAreLinearizedInTheirTangents) {

@@ -116,7 +116,7 @@ TEST(NoiseAdaptation, AnImuBetterThanItsDataSheetKeepsTheDataSheet) {
 }
 
 // Intervals stay in the window for seconds. What they were integrated with is what their residuals are measured by, not the
-// factors that are found in the meantime: (D56).
+// factors that are found in the meantime: docs/derivation.md, after (D59).
 TEST(NoiseAdaptation, IntervalsOfOlderFactorsSayTheSame) {
   NoiseCase noise;
   noise.truth = {12.0, 2.3};
@@ -126,7 +126,7 @@ TEST(NoiseAdaptation, IntervalsOfOlderFactorsSayTheSame) {
   const std::optional<GraphCovariance> covariance = batch.graph.covariance();
   ASSERT_TRUE(covariance);
   const NoiseFactors found = batch.noise.factors();
-  for (const NoiseFactors& start : {NoiseFactors{4.0, 1.2}, NoiseFactors{30.0, 5.0}}) {
+  for (const NoiseFactors& start : {NoiseFactors{4.0, 1.0}, NoiseFactors{30.0, 10.0}}) {
     // No repropagation: the intervals keep the noise that was found above.
     NoiseAdaptation other(scaled(batch.noise.noise(), {1.0 / found.accelerometer, 1.0 / found.gyroscope}),
                           40.0, start);

@@ -105,6 +105,7 @@ struct Listener final : console_bridge::OutputHandler {
 // What urdfdom logs is part of the refusal, and the process's own way of logging is as before.
 TEST(UrdfExtrinsics, SaysWhatUrdfdomSays) {
   const TemporaryFolder folder;
+  console_bridge::OutputHandler* const usual = console_bridge::getOutputHandler();
   Listener listener;
   console_bridge::useOutputHandler(&listener);
   const std::string orphan =
@@ -123,7 +124,11 @@ TEST(UrdfExtrinsics, SaysWhatUrdfdomSays) {
   EXPECT_EQ(console_bridge::getOutputHandler(), &listener);
   CONSOLE_BRIDGE_logError("of another matter");
   EXPECT_EQ(listener.heard.size(), 1u);
+  // Whoever restores "the handler before" finds one that lives.
   console_bridge::restorePreviousOutputHandler();
+  CONSOLE_BRIDGE_logError("after it");
+  EXPECT_EQ(listener.heard.size(), 2u);
+  for (int i = 0; i < 2; ++i) console_bridge::useOutputHandler(usual);
   std::printf("%s\n%s\n", orphan.c_str(), number.c_str());
 }
 

@@ -6,10 +6,12 @@
 #include <mutex>
 #include <string>
 #include <thread>
+#include <vector>
 
 namespace autocal_vio {
 
-/// While it lives, keeps the errors that this thread gets; all else goes on to where it went before.
+/// While it lives, keeps the errors that this thread gets; all else goes on to where it went before. Afterwards the process
+/// logs as it did, also where someone restores "the handler before" (rosconsole_bridge does).
 class UrdfdomMessages final : public console_bridge::OutputHandler {
  public:
   UrdfdomMessages();
@@ -18,7 +20,10 @@ class UrdfdomMessages final : public console_bridge::OutputHandler {
   UrdfdomMessages& operator=(const UrdfdomMessages&) = delete;
 
   /// In their order, joined by semicolons; empty where there was none.
-  const std::string& errors() const { return errors_; }
+  std::string errors() const;
+
+  /// They were no reason to refuse it: says them where they would have been said.
+  void passOn();
 
   void log(const std::string& text, console_bridge::LogLevel level, const char* filename, int line) override;
 
@@ -26,7 +31,7 @@ class UrdfdomMessages final : public console_bridge::OutputHandler {
   std::unique_lock<std::mutex> alone_;  ///< the process has one handler
   console_bridge::OutputHandler* before_;
   std::thread::id thread_;
-  std::string errors_;
+  std::vector<std::string> errors_;
 };
 
 }  // namespace autocal_vio

@@ -7,7 +7,7 @@
 
 namespace autocal_vio {
 
-/// Residual: r0 + J e(x, x0), with the linearisation points x0 fixed for the prior's life. Blocks as the prior's.
+/// Residual: r0 + J e(x, x0), with the linearisation points x0 fixed for the factor's life. Blocks as the prior's.
 class MarginalPriorFactor final : public ceres::CostFunction {
  public:
   explicit MarginalPriorFactor(MarginalPrior prior);
