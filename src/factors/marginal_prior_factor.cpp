@@ -11,6 +11,26 @@ namespace {
 using RowMajorX = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 using Chain = Eigen::Matrix<double, 3, 4>;
 
+// Residual by the quaternion of the pose that is block `i`, whose error begins at `column` (D33).
+Eigen::Matrix<double, Eigen::Dynamic, 4> byAttitude(const MarginalPrior& prior, std::size_t i, int column,
+                                                    const double* pose, const Eigen::Vector3d& phi) {
+  const Eigen::MatrixXd& J_e = prior.jacobian();
+  const PriorState& x0 = prior.points()[i];
+  const Eigen::Map<const Eigen::Quaterniond> q(pose + 3), q0(x0.data() + 3);
+  const Eigen::Matrix3d turn = (q * q0.conjugate()).toRotationMatrix();
+  const Chain by_q = q.toRotationMatrix() * rotationByQuaternion(q);  // world rotation by the coefficients
+  const Eigen::Vector3d arm = turn * (x0.head<3>() - prior.centre());
+  // phi by a rotation from the left: Jl^-1(phi) = Jr^-1(-phi).
+  Eigen::Matrix<double, Eigen::Dynamic, 4> J =
+      J_e.middleCols<3>(column + 3) * Chain(rightJacobianInverseSo3(-phi) * by_q);
+  J.noalias() += J_e.middleCols<3>(column) * Chain(skew(arm) * by_q);
+  if (i + 1 < prior.points().size() && prior.points()[i + 1].size() == 9) {
+    const Eigen::Vector3d velocity = turn * prior.points()[i + 1].head<3>();
+    J.noalias() += J_e.middleCols<3>(column + 6) * Chain(skew(velocity) * by_q);
+  }
+  return J;
+}
+
 }  // namespace
 
 MarginalPriorFactor::MarginalPriorFactor(MarginalPrior prior) : prior_(std::move(prior)) {
@@ -33,24 +53,12 @@ bool MarginalPriorFactor::Evaluate(double const* const* parameters, double* resi
   int column = 0;
   const std::vector<PriorState>& points = prior_.points();
   for (std::size_t i = 0; i < points.size(); ++i) {
-    const PriorState& x0 = points[i];
-    const int ambient = static_cast<int>(x0.size());
+    const int ambient = static_cast<int>(points[i].size());
     if (jacobians[i]) {
       Eigen::Map<RowMajorX> J(jacobians[i], residual.size(), ambient);
       if (ambient == 7) {
-        const Eigen::Map<const Eigen::Quaterniond> q(parameters[i] + 3), q0(x0.data() + 3);
-        const Eigen::Matrix3d R = q.toRotationMatrix(), turn = (q * q0.conjugate()).toRotationMatrix();
-        const Chain by_q = R * rotationByQuaternion(q);  // world rotation by the coefficients
         J.leftCols<3>() = J_e.middleCols<3>(column);
-        // phi by a rotation from the left: Jl^-1(phi) = Jr^-1(-phi).
-        J.rightCols<4>().noalias() = J_e.middleCols<3>(column + 3) *
-                                     Chain(rightJacobianInverseSo3(-error.segment<3>(column + 3)) * by_q);
-        const Eigen::Vector3d turned = turn * (x0.head<3>() - prior_.centre());
-        J.rightCols<4>().noalias() += J_e.middleCols<3>(column) * Chain(skew(turned) * by_q);
-        if (i + 1 < points.size() && points[i + 1].size() == 9) {
-          const Eigen::Vector3d turned_velocity = turn * points[i + 1].head<3>();
-          J.rightCols<4>().noalias() += J_e.middleCols<3>(column + 6) * Chain(skew(turned_velocity) * by_q);
-        }
+        J.rightCols<4>() = byAttitude(prior_, i, column, parameters[i], error.segment<3>(column + 3));
       } else if (ambient == 4) {
         const Eigen::Map<const Eigen::Quaterniond> q(parameters[i]);
         J.noalias() = J_e.middleCols<3>(column) *
