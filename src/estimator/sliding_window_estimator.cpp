@@ -5,26 +5,17 @@
 #include <sstream>
 #include <utility>
 
-#include "autocal_vio/geometry/so3.h"
+#include "autocal_vio/estimator/predicted_frame.h"
+#include "autocal_vio/estimator/track_parallax.h"
 
 namespace autocal_vio {
 namespace {
 
 constexpr double kFunctionTolerance = 1e-5;  // relative change of the cost at which a window is solved
 constexpr double kPixelSigmaGain = 0.05;     // per keyframe
-constexpr double kSmallestTrackShare =
-    0.5;  // of the last keyframe's tracks still seen, or it is time for another
+// Of the last keyframe's tracks still seen, or it is time for another.
+constexpr double kSmallestTrackShare = 0.5;
 constexpr std::size_t kFewestPoints = 8;  // seen before, or the image ties nothing to the window
-constexpr double kContradiction =
-    30.0;  // times the gyroscope's noise; a sound one has 5 in flight, and 10 to 25 where stamps jitter by 2 ms
-constexpr double kLongestOutOfBounds =
-    3.0;  // [s] as noisy an accelerometer as no batch would begin with: no shock lasts that long
-constexpr double kEarlier = 5.0;     // [s] noise of that long ago is remembered
-constexpr double kSlipNoise = 8.0;   // times the gyroscope's noise in the last second; without a slip 5, and
-constexpr double kSlipGrowth = 3.5;  // times what many keyframes say; without a slip up to 2.5
-constexpr double kSlipSinceEarlier =
-    8.5;  // times the noise before; up to 7.4 where stamps jitter by 1 ms, 10 in slips
-constexpr double kSlipsOn = 4.0;          // times either noise before the mount was seen to have moved
 constexpr double kFitRotation = 0.005;    // [rad] sigma of where the newest image says that the camera is
 constexpr double kFitTranslation = 0.01;  // [m] several times the error of such fits in simulation
 constexpr BlockKey kRotationKey{-1, BlockKind::kExtrinsicRotation};
@@ -35,24 +26,6 @@ constexpr std::size_t kKeyframesForDepth = 3;  // after standing, until depths a
 constexpr double kLargestSpeed = 100.0;        // [m/s]
 constexpr double kLargestGyroBias = 1.0;       // [rad/s]
 constexpr double kLargestAccelBias = 5.0;      // [m/s^2]
-
-// Mean displacement of common tracks [px] once the rotation between the frames is taken out, and their number.
-std::pair<double, int> rotationCompensatedParallax(const FrameState& a, const FrameState& b,
-                                                   const Eigen::Quaterniond& R_BC) {
-  const Eigen::Quaterniond R_CbCa = R_BC.conjugate() * b.rotation().conjugate() * a.rotation() * R_BC;
-  double sum = 0.0;
-  int count = 0;
-  auto it = a.features.begin();
-  for (const Feature& feature : b.features) {
-    while (it != a.features.end() && it->track_id < feature.track_id) ++it;
-    if (it == a.features.end() || it->track_id != feature.track_id) continue;
-    const Eigen::Vector3d rotated = R_CbCa * it->normalized.homogeneous();
-    if (rotated.z() < 0.1) continue;
-    sum += (feature.pixel_jacobian * (feature.normalized - rotated.hnormalized())).norm();
-    ++count;
-  }
-  return {count > 0 ? sum / count : 0.0, count};
-}
 
 // Tracks that began while standing have no depth yet, and a pose cannot be taken from them with their depths held.
 bool hasJustSetOff(const VisualInertialGraph& graph) {
@@ -65,52 +38,17 @@ bool hasJustSetOff(const VisualInertialGraph& graph) {
 
 }  // namespace
 
-bool appendPredictedFrame(const FeatureFrame& frame, const ImuBuffer& imu, const ImuNoise& noise,
-                          VisualInertialGraph* graph, std::string* problem) {
-  const FrameState& last = graph->frames().back();
-  const double td = graph->calibration().td;
-  const TimeNs begin = last.stamp + fromSeconds(last.reference_td), end = frame.stamp + fromSeconds(td);
-  std::vector<ImuSample> samples = imu.slice(begin, end);
-  if (samples.size() < 2) {
-    *problem = "no IMU samples between two images";
-    return false;
-  }
-  const double gap = toSeconds(imu.largestGap(begin, end));
-  if (gap > kLongestBridgedGap) {
-    std::ostringstream text;
-    text << "the IMU was silent for " << gap << " s";
-    *problem = text.str();
-    return false;
-  }
-  FrameState state;
-  state.id = graph->nextFrameId();
-  state.stamp = frame.stamp;
-  state.reference_td = toSeconds(end - frame.stamp);
-  state.measured_angular_velocity = samples.back().angular_velocity;
-  state.features = frame.features;
-  state.preintegration =
-      std::make_shared<Preintegration>(std::move(samples), last.bias(), noise, gapNoiseFactor(gap, noise));
-  const ImuIncrement& increment = state.preintegration->increment();
-  const double dt = state.preintegration->duration();
-  const Eigen::Vector3d g = graph->gravity_W();
-  state.setPose(Transform(
-      last.rotation() * increment.rotation,
-      last.position() + last.velocity() * dt + 0.5 * g * dt * dt + last.rotation() * increment.position));
-  state.setMotion(last.velocity() + g * dt + last.rotation() * increment.velocity, last.bias());
-  graph->addFrame(std::move(state));
-  return true;
-}
-
 SlidingWindowEstimator::SlidingWindowEstimator(VisualInertialGraph graph, const NoiseAdaptation& noise,
                                                const EstimatorOptions& options)
     : options_(options),
       graph_(std::move(graph)),
       noise_(noise),
-      standstill_({options.standstill_time, options.standstill_disparity, options.standstill_imu_ratio}) {
+      standstill_({options.standstill_time, options.standstill_disparity, options.standstill_imu_ratio}),
+      contradiction_(newest().stamp, noise.factors(), noise.largest()) {
+  contradiction_.holdRotation(graph_.calibration().rotation_held);
   graph_.landmarkMap().closeFullLandmarks();
   while (static_cast<int>(graph_.frames().size()) > options_.window_keyframes) graph_.marginalizeOldest();
-  last_sighted_ = earlier_noise_stamp_ = newest().stamp;
-  earlier_noise_.fill(noise_.factors());
+  last_sighted_ = newest().stamp;
   updateCovariance(newest().id);
   sighted_position_sigma_ = positionSigma();
 }
@@ -126,7 +64,7 @@ EstimatorResult SlidingWindowEstimator::fail(const std::string& problem, Calibra
 EstimatorResult SlidingWindowEstimator::process(const FeatureFrame& frame, const ImuBuffer& imu) {
   EstimatorResult result;
   result.keyframe_finished = finishKeyframe();
-  std::string problem = findContradiction();
+  std::string problem = contradiction_.find(newest().stamp, noise_.factors(), noise_.recentFactors());
   if (!problem.empty()) return fail(problem, CalibrationTrust::kWithinABump);
   problem = findLoss(frame.stamp);
   if (!problem.empty() || !appendPredictedFrame(frame, imu, noise_.noise(), &graph_, &problem))
@@ -259,7 +197,7 @@ void SlidingWindowEstimator::reopenExtrinsicsAt(const Transform& T_BC, double si
   newest_is_keyframe_ = true;
   keyframe_unfinished_ = false;
   last_sighted_ = newest().stamp;
-  moved_ = newest().stamp;
+  contradiction_.mountMoved(newest().stamp);
   noise_.forgetRecent();
   updateCovariance(newest().id);
   sighted_position_sigma_ = positionSigma();
@@ -331,11 +269,11 @@ bool SlidingWindowEstimator::newestIsTied() const {
 bool SlidingWindowEstimator::isKeyframe() const {
   const std::deque<FrameState>& frames = graph_.frames();
   const FrameState &last = frames[frames.size() - 2], &current = frames.back();
-  const auto [parallax, common] =
+  const TrackParallax parallax =
       rotationCompensatedParallax(last, current, graph_.calibration().T_BC().rotation);
   const bool light_again = last.features.size() < kFewestPoints && current.features.size() >= kFewestPoints;
-  return parallax > options_.keyframe_parallax || light_again ||
-         common < kSmallestTrackShare * last.features.size() ||
+  return parallax.mean_px > options_.keyframe_parallax || light_again ||
+         parallax.common < kSmallestTrackShare * last.features.size() ||
          toSeconds(current.stamp - last.stamp) > options_.keyframe_max_interval;
 }
 
@@ -344,31 +282,7 @@ void SlidingWindowEstimator::adaptNoise() {
   if (!covariance_ || count < 5) return;
   noise_.addInterval(graph_, *covariance_, count / 2);
   noise_.update();
-  if (noise_.factors().accelerometer < noise_.largest())
-    out_of_bounds_.reset();
-  else if (!out_of_bounds_)
-    out_of_bounds_ = newest().stamp;
-  accelerometer_contradicts_ =
-      out_of_bounds_ && toSeconds(newest().stamp - *out_of_bounds_) > kLongestOutOfBounds;
-  if (toSeconds(newest().stamp - earlier_noise_stamp_) < kEarlier) return;
-  earlier_noise_ = {earlier_noise_[1], noise_.factors()};
-  earlier_noise_stamp_ = newest().stamp;
-}
-
-// While a mount slips the estimate makes up for it as long as it can, and the IMU seems to be worse and worse; also after
-// a move was recognised, for that was not the whole of it. No vibration multiplies the gyroscope's noise within a second
-// as a slip does.
-bool SlidingWindowEstimator::mountSlips() const {
-  const std::optional<NoiseFactors> recent = noise_.recentFactors();
-  if (!recent) return false;
-  const NoiseFactors& earlier = earlier_noise_[0];
-  // A slow slip teaches the present factors as it goes on.
-  if (recent->gyroscope > std::max(kSlipNoise, std::min(kSlipGrowth * noise_.factors().gyroscope,
-                                                        kSlipSinceEarlier * earlier.gyroscope)))
-    return true;
-  return moved_ && toSeconds(newest().stamp - *moved_) < kEarlier &&
-         (recent->accelerometer > kSlipsOn * earlier.accelerometer ||
-          recent->gyroscope > kSlipsOn * earlier.gyroscope);
+  contradiction_.update(newest().stamp, noise_.factors());
 }
 
 void SlidingWindowEstimator::adaptPixelSigma() {
@@ -391,33 +305,12 @@ std::string SlidingWindowEstimator::findFault() const {
   return "";
 }
 
-// A mount that slips too slowly for the bump detector passes for noise of the IMU. Even if it is noticed in the end, the
-// estimate has made up for it until then.
-std::string SlidingWindowEstimator::findContradiction() const {
-  std::ostringstream text;
-  text.precision(2);
-  if (accelerometer_contradicts_) {
-    text << "accelerometer and images contradict each other (" << noise_.largest()
-         << " times its noise and more): it was wrong at the beginning, the mount has slipped, or the IMU is "
-            "at fault";
-    return text.str();
-  }
-  if (graph_.calibration().rotation_held) return "";
-  const double factor = noise_.factors().gyroscope;
-  if (factor > kContradiction) {
-    text << "gyroscope and images contradict each other (" << factor
-         << " times its noise): the mount has slipped, or the IMU is at fault";
-  } else if (mountSlips()) {
-    text << "the camera has moved on its mount, but not at once, or the IMU is at fault";
-  }
-  return text.str();
-}
-
 void SlidingWindowEstimator::hold(bool rotation, bool translation, bool time_offset) {
   CalibrationState& calibration = graph_.calibration();
   calibration.rotation_held = rotation;
   calibration.translation_held = translation;
   calibration.td_held = time_offset;
+  contradiction_.holdRotation(rotation);
 }
 
 }  // namespace autocal_vio

@@ -1,14 +1,14 @@
 #include "autocal_vio/graph/visual_inertial_graph.h"
 
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <functional>
 #include <set>
+#include <utility>
 
 #include "autocal_vio/factors/imu_factor.h"
 #include "autocal_vio/factors/marginal_prior_factor.h"
 #include "autocal_vio/factors/reprojection_factor.h"
+#include "autocal_vio/graph/linearize.h"
 
 namespace autocal_vio {
 namespace {
@@ -330,18 +330,8 @@ int VisualInertialGraph::dropOutliers(double threshold_px) {
 }
 
 void VisualInertialGraph::setPrior(const std::vector<BlockKey>& keys, const LinearSystem& system) {
-  // Square root of the information, equilibrated so that the rank decision does not depend on units.
-  const Eigen::VectorXd scale = system.H.diagonal().cwiseMax(1e-12).cwiseSqrt();
-  const Eigen::VectorXd inverse_scale = scale.cwiseInverse();
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(inverse_scale.asDiagonal() * system.H *
-                                                              inverse_scale.asDiagonal());
-  const Eigen::ArrayXd values = solver.eigenvalues().array();
-  const Eigen::VectorXd root = (values > 1e-12).select(values.max(1e-12).sqrt(), 0.0);
-  const Eigen::VectorXd inverse_root = (values > 1e-12).select(values.max(1e-12).sqrt().inverse(), 0.0);
-  marginal_prior_.emplace(statesOf(keys),
-                          root.asDiagonal() * solver.eigenvectors().transpose() * scale.asDiagonal(),
-                          inverse_root.asDiagonal() *
-                              (solver.eigenvectors().transpose() * (inverse_scale.asDiagonal() * system.g)));
+  const WhitenedSystem root = squareRoot(system);
+  marginal_prior_.emplace(statesOf(keys), root.J, root.r);
   prior_keys_ = keys;
 }
 
@@ -398,29 +388,16 @@ void VisualInertialGraph::marginalizeOldest() {
 std::optional<GraphCovariance> VisualInertialGraph::covariance() const {
   const std::vector<BlockKey> keys = stateKeys();
   const LinearSystem system = linearize(allFactors(Depths::kFree), blocksOf(keys));
-  const Eigen::VectorXd scale = system.H.diagonal().cwiseMax(1e-12).cwiseSqrt().cwiseInverse();
-  const Eigen::LLT<Eigen::MatrixXd> solver(scale.asDiagonal() * system.H * scale.asDiagonal());
-  if (solver.info() != Eigen::Success) return std::nullopt;
-  const Eigen::MatrixXd inverse = solver.solve(Eigen::MatrixXd::Identity(system.g.size(), system.g.size()));
-  if (!inverse.allFinite()) return std::nullopt;
-  return GraphCovariance(keys, scale.asDiagonal() * inverse * scale.asDiagonal());
+  std::optional<Eigen::MatrixXd> inverse = inverseOf(system);
+  if (!inverse) return std::nullopt;
+  return GraphCovariance(keys, *std::move(inverse));
 }
 
 std::optional<Eigen::MatrixXd> VisualInertialGraph::calibrationCovariance() const {
   int size = 0;
   for (const BlockKey& key : {kRotationKey, kTranslationKey, kTimeOffsetKey})
     if (!isHeld(key.kind)) size += tangentSize(key.kind);
-  LinearSystem system = linearize(allFactors(Depths::kFree), blocksOf(stateKeys()));
-  const Eigen::VectorXd scale = system.H.diagonal().cwiseMax(1e-12).cwiseSqrt().cwiseInverse();
-  system.H = scale.asDiagonal() * system.H * scale.asDiagonal();
-  const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> solver(system.H);  // in place
-  if (solver.info() != Eigen::Success) return std::nullopt;
-  // The calibration comes last: its corner of the factor is the root of its own information.
-  const Eigen::MatrixXd root = system.H.bottomRightCorner(size, size).triangularView<Eigen::Lower>();
-  const Eigen::MatrixXd inverse =
-      (root * root.transpose()).ldlt().solve(Eigen::MatrixXd::Identity(size, size));
-  if (!inverse.allFinite()) return std::nullopt;
-  return scale.tail(size).asDiagonal() * inverse * scale.tail(size).asDiagonal();
+  return lastOfInverse(linearize(allFactors(Depths::kFree), blocksOf(stateKeys())), size);  // it comes last
 }
 
 }  // namespace autocal_vio

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "autocal_vio/estimator/sliding_window_estimator.h"
+#include "autocal_vio/estimator/predicted_frame.h"
 #include "autocal_vio/geometry/so3.h"
 #include "autocal_vio/imu/imu_buffer.h"
 #include "autocal_vio/sim/feature_simulator.h"

@@ -14,6 +14,7 @@
 #include "autocal_vio/factors/manifolds.h"
 #include "autocal_vio/factors/prior_factors.h"
 #include "autocal_vio/geometry/so3.h"
+#include "autocal_vio/graph/linearize.h"
 
 namespace autocal_vio {
 namespace {
@@ -28,6 +29,14 @@ MatrixXd randomMatrix(int rows, int columns, int seed) {
   for (int i = 0; i < rows; ++i)
     for (int j = 0; j < columns; ++j) m(i, j) = normal(generator);
   return m;
+}
+
+double squaredResidual(const Factor& factor) {
+  std::vector<const double*> parameters;
+  for (const Block& block : factor.blocks) parameters.push_back(block.data);
+  VectorXd residual(factor.cost->num_residuals());
+  factor.cost->Evaluate(parameters.data(), residual.data(), nullptr);
+  return residual.squaredNorm();
 }
 
 // r = sum_i A_i x_i - c.
@@ -263,6 +272,47 @@ TEST(LinearSystem, LooseningAddsVariance) {
     EXPECT_LT((loose.H.inverse() - expected).norm(), 1e-8 * expected.norm()) << size;
     EXPECT_LT((loose.H.llt().solve(loose.g) - solution).norm(), 1e-8 * solution.norm()) << size;
   }
+}
+
+// The root that the marginal prior is made of.
+TEST(LinearSystem, TheSquareRootIsTheSameCost) {
+  const LinearSystem system = randomSystem(12);
+  const WhitenedSystem root = squareRoot(system);
+  EXPECT_LT((root.J.transpose() * root.J - system.H).norm(), 1e-9 * system.H.norm());
+  EXPECT_LT((root.J.transpose() * root.r - system.g).norm(), 1e-9 * system.g.norm());
+}
+
+// In units that are far apart; one direction is known of none.
+TEST(LinearSystem, TheSquareRootKeepsTheNullSpace) {
+  const VectorXd units =
+      VectorXd::LinSpaced(8, -4.0, 4.0).unaryExpr([](double e) { return std::pow(10.0, e); });
+  const MatrixXd J = randomMatrix(7, 8, 91) * units.asDiagonal();
+  const LinearSystem system{J.transpose() * J, J.transpose() * randomMatrix(7, 1, 92)};
+  const VectorXd null_space = Eigen::FullPivLU<MatrixXd>(J).kernel().col(0).normalized();
+  const WhitenedSystem root = squareRoot(system);
+  const MatrixXd back = units.cwiseInverse().asDiagonal() * (root.J.transpose() * root.J - system.H) *
+                        units.cwiseInverse().asDiagonal();
+  EXPECT_LT(back.norm(), 1e-9);
+  EXPECT_LT((units.cwiseInverse().asDiagonal() * (root.J.transpose() * root.r - system.g)).norm(), 1e-6);
+  EXPECT_LT((root.J * null_space).norm(), 1e-9 * (root.J.norm() * null_space.norm()));
+}
+
+TEST(LinearSystem, TheInverseIsTheCovariance) {
+  const LinearSystem system = randomSystem(12);
+  const std::optional<MatrixXd> inverse = inverseOf(system);
+  ASSERT_TRUE(inverse);
+  EXPECT_LT((*inverse * system.H - MatrixXd::Identity(12, 12)).norm(), 1e-9);
+  const std::optional<MatrixXd> last = lastOfInverse(system, 4);
+  ASSERT_TRUE(last);
+  EXPECT_LT((*last - inverse->bottomRightCorner(4, 4)).norm(), 1e-9 * inverse->norm());
+}
+
+TEST(LinearSystem, ASingularSystemHasNoInverse) {
+  LinearSystem system = randomSystem(6);
+  system.H.row(2).setZero();
+  system.H.col(2).setZero();
+  EXPECT_FALSE(inverseOf(system));
+  EXPECT_FALSE(lastOfInverse(system, 2));
 }
 
 }  // namespace

@@ -4,7 +4,7 @@
 
 #include <cmath>
 
-#include "autocal_vio/estimator/sliding_window_estimator.h"
+#include "autocal_vio/estimator/predicted_frame.h"
 #include "autocal_vio/sim/feature_simulator.h"
 
 namespace autocal_vio {

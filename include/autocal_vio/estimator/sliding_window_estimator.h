@@ -1,12 +1,12 @@
 // Fixed-lag estimation of pose, velocity, biases, extrinsics and time offset. Paper section 4.
 #pragma once
 
-#include <array>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "autocal_vio/estimator/bump_detector.h"
+#include "autocal_vio/estimator/contradiction_monitor.h"
 #include "autocal_vio/estimator/estimator_options.h"
 #include "autocal_vio/estimator/standing_frame.h"
 #include "autocal_vio/estimator/standstill_detector.h"
@@ -86,10 +86,8 @@ class SlidingWindowEstimator {
   double positionSigma() const;
   std::string findLoss(TimeNs stamp) const;
   void adaptNoise();
-  bool mountSlips() const;
   void adaptPixelSigma();
   std::string findFault() const;
-  std::string findContradiction() const;
 
   EstimatorOptions options_;
   VisualInertialGraph graph_;
@@ -97,11 +95,7 @@ class SlidingWindowEstimator {
   StandstillDetector standstill_;
   std::optional<StandingFrame> standing_frame_;
   BumpDetector bump_detector_;
-  std::array<NoiseFactors, 2> earlier_noise_;  ///< of 5 to 10 s ago, and later
-  TimeNs earlier_noise_stamp_ = 0;
-  std::optional<TimeNs> out_of_bounds_;  ///< since when the accelerometer's noise has been the largest
-  bool accelerometer_contradicts_ = false;
-  std::optional<TimeNs> moved_;  ///< stamp of the image that showed that the mount has moved
+  ContradictionMonitor contradiction_;
   bool newest_is_keyframe_ = true;
   bool keyframe_unfinished_ = false;  ///< covariance, noise and marginalisation wait for the next image
   std::optional<GraphCovariance> covariance_;
@@ -110,10 +104,5 @@ class SlidingWindowEstimator {
   TimeNs last_sighted_ = 0;              ///< stamp of the last image tied to the window by tracked points
   double sighted_position_sigma_ = 0.0;  ///< there [m]
 };
-
-/// Appends a frame to a graph, predicted by the IMU from the newest one. False with the problem in words when the
-/// IMU does not cover the interval.
-bool appendPredictedFrame(const FeatureFrame& frame, const ImuBuffer& imu, const ImuNoise& noise,
-                          VisualInertialGraph* graph, std::string* problem);
 
 }  // namespace autocal_vio

@@ -1,10 +1,8 @@
-// Dense normal equations of a set of factors, landmarks eliminated on the way.
+// Dense normal equations, and what is asked of them.
 #pragma once
 
 #include <Eigen/Core>
-#include <vector>
-
-#include "autocal_vio/graph/factor.h"
+#include <optional>
 
 namespace autocal_vio {
 
@@ -14,10 +12,6 @@ struct LinearSystem {
   Eigen::VectorXd g;
 };
 
-/// Linearises `factors` about the present states. `states`: the blocks of dx, in order. Landmarks are eliminated by
-/// Schur complement; factors of one landmark must stand together. Blocks that are neither are constants.
-LinearSystem linearize(const std::vector<Factor>& factors, const std::vector<Block>& states);
-
 /// Removes the first `count` unknowns by Schur complement. Directions nothing is known of are left out.
 LinearSystem marginalizeFirst(const LinearSystem& system, int count);
 
@@ -25,7 +19,19 @@ LinearSystem marginalizeFirst(const LinearSystem& system, int count);
 /// is known of these, and of how they go with the others, becomes less.
 LinearSystem loosen(const LinearSystem& system, int first, const Eigen::VectorXd& variance);
 
-/// Sum of squared whitened residuals of one factor at the present states, not robustified.
-double squaredResidual(const Factor& factor);
+/// Residual r and Jacobian J of the same cost, but for a constant: 1/2 |r + J dx|^2.
+struct WhitenedSystem {
+  Eigen::MatrixXd J;
+  Eigen::VectorXd r;
+};
+
+/// Directions nothing is known of have rows of zeros.
+WhitenedSystem squareRoot(const LinearSystem& system);
+
+/// The unknowns' covariance; nothing where the system is singular.
+std::optional<Eigen::MatrixXd> inverseOf(const LinearSystem& system);
+
+/// The last `count` unknowns' part of it alone: many times as fast where there are many unknowns.
+std::optional<Eigen::MatrixXd> lastOfInverse(LinearSystem system, int count);
 
 }  // namespace autocal_vio
