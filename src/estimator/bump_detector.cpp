@@ -77,7 +77,7 @@ BumpDetector::Mount BumpDetector::look(const VisualInertialGraph& graph, double 
   const double threshold = std::max(kMinThreshold, kThresholdSigmas * graph.optionsView().pixel_sigma);
   const ExtrinsicsFit fit = fitExtrinsicsToNewest(graph, threshold);
   const bool usable = fit.count >= kFewestPoints && fit.share_fitting > kLeastShareFitting;
-  if (moving_) return follow(fit, usable, interval);
+  if (moving_) return follow(fit, usable, interval, graph.calibration().T_BC());
   if (fit.count < kFewestPoints) return Mount::kAtRest;
   const Step step = fit.stepFrom(graph.calibration().T_BC());
   if (!usable || distance(step) < kAlarm || isSmall(step) || fit.error_before < kLeastError) {
@@ -89,14 +89,17 @@ BumpDetector::Mount BumpDetector::look(const VisualInertialGraph& graph, double 
   return Mount::kMoving;
 }
 
-// In an image of a moving mount the camera is nowhere for long; too long without an end was no bump.
-BumpDetector::Mount BumpDetector::follow(const ExtrinsicsFit& fit, bool usable, double interval) {
+// In an image of a moving mount the camera is nowhere for long; too long without an end was no bump. What comes to rest
+// where it was before was none either, but an image whose stamp is wrong, or a knock that the mount withstood.
+BumpDetector::Mount BumpDetector::follow(const ExtrinsicsFit& fit, bool usable, double interval,
+                                         const Transform& T_BC_before) {
   *moving_ += interval;
   const Step step = fit.stepFrom(T_BC_);
   if (usable && (distance(step) < kAtRest || isSmall(step))) {
     moving_.reset();
     T_BC_ = fit.T_BC;
-    return Mount::kMoved;
+    const Step moved_by = fit.stepFrom(T_BC_before);
+    return distance(moved_by) < kAlarm || isSmall(moved_by) ? Mount::kAtRest : Mount::kMoved;
   }
   if (usable) T_BC_ = fit.T_BC;
   if (*moving_ < kLongestMove) return Mount::kMoving;

@@ -7,6 +7,7 @@
 
 #include "autocal_vio/estimator/predicted_frame.h"
 #include "autocal_vio/estimator/track_parallax.h"
+#include "autocal_vio/geometry/so3.h"
 
 namespace autocal_vio {
 namespace {
@@ -23,6 +24,7 @@ constexpr BlockKey kTranslationKey{-1, BlockKind::kExtrinsicTranslation};
 constexpr double kStandingSpeed = 0.1;  // [m/s] an estimate of more, by kStandingSigmas, does not stand
 constexpr double kStandingSigmas = 5.0;
 constexpr std::size_t kKeyframesForDepth = 3;  // after standing, until depths are known again
+constexpr int kMostSingular = 5;               // covariances in a row
 constexpr double kLargestSpeed = 100.0;        // [m/s]
 constexpr double kLargestGyroBias = 1.0;       // [rad/s]
 constexpr double kLargestAccelBias = 5.0;      // [m/s^2]
@@ -50,7 +52,6 @@ SlidingWindowEstimator::SlidingWindowEstimator(VisualInertialGraph graph, const 
   while (static_cast<int>(graph_.frames().size()) > options_.window_keyframes) graph_.marginalizeOldest();
   last_sighted_ = newest().stamp;
   updateCovariance(newest().id);
-  sighted_position_sigma_ = positionSigma();
 }
 
 EstimatorResult SlidingWindowEstimator::fail(const std::string& problem, CalibrationTrust trust) const {
@@ -96,10 +97,11 @@ EstimatorResult SlidingWindowEstimator::estimate(EstimatorResult result, bool re
   if (!problem.empty()) return fail(problem, CalibrationTrust::kConverged);
   const bool sighted = newestIsTied();
   if (newest_is_keyframe_) graph_.dropOutliers(graph_.outlierThreshold());
-  if (!sighted) updateCovariance(newest().id);
   if (sighted) {
     last_sighted_ = newest().stamp;
-    sighted_position_sigma_ = positionSigma();
+    blind_drift_ = 0.0;
+  } else if (updateCovariance(newest().id)) {
+    blind_drift_ = std::max(blind_drift_, driftSinceSighted());
   }
   keyframe_unfinished_ = newest_is_keyframe_;
   return result;
@@ -136,7 +138,8 @@ std::string SlidingWindowEstimator::stand(const ImuBuffer& imu) {
   if (!solveWindow().usable) return "the solver failed";
   const std::string problem = findFault();
   if (!problem.empty()) return problem;
-  updateCovariance(frame);
+  // Without it there is nothing to stand on yet: the next image tries again.
+  if (!updateCovariance(frame)) return "";
   standing_frame_.emplace(covariance_->block({frame, BlockKind::kMotion}), &graph_);
   standing_frame_->follow(imu, noise_.noise(), &graph_);
   return "";
@@ -151,8 +154,10 @@ bool SlidingWindowEstimator::mountIsAtRest(EstimatorResult* result) {
       bump_detector_.look(graph_, toSeconds(newest().stamp - before.stamp), standing());
   if (mount == BumpDetector::Mount::kAtRest) return true;
   if (mount == BumpDetector::Mount::kMoving) {
-    if (before.features.empty()) graph_.dropSecondNewest();  // the last image at rest stays
+    // The last image at rest stays; while standing it is the standing frame.
+    if (before.features.empty() || standing()) graph_.dropSecondNewest();
     graph_.blindNewest();
+    if (standing_frame_) standing_frame_->hold(&graph_);
     newest_is_keyframe_ = false;
     return false;
   }
@@ -200,7 +205,7 @@ void SlidingWindowEstimator::reopenExtrinsicsAt(const Transform& T_BC, double si
   contradiction_.mountMoved(newest().stamp);
   noise_.forgetRecent();
   updateCovariance(newest().id);
-  sighted_position_sigma_ = positionSigma();
+  blind_drift_ = 0.0;
 }
 
 // Nothing of it changes the newest pose, so it waits for the next image: the odometry is out sooner, and no image bears
@@ -208,21 +213,22 @@ void SlidingWindowEstimator::reopenExtrinsicsAt(const Transform& T_BC, double si
 bool SlidingWindowEstimator::finishKeyframe() {
   if (!keyframe_unfinished_) return false;
   keyframe_unfinished_ = false;
-  updateCovariance(newest().id);
-  adaptNoise();
+  if (updateCovariance(newest().id)) adaptNoise();
   adaptPixelSigma();
   graph_.landmarkMap().closeFullLandmarks();
   while (static_cast<int>(graph_.frames().size()) > options_.window_keyframes) graph_.marginalizeOldest();
   return true;
 }
 
-// A singular problem leaves the covariance that was: none would read as perfect knowledge.
-void SlidingWindowEstimator::updateCovariance(FrameId frame) {
+// A singular problem leaves the covariance that was, of frames that may be gone: none would read as perfect knowledge.
+bool SlidingWindowEstimator::updateCovariance(FrameId frame) {
   std::optional<GraphCovariance> covariance = graph_.covariance();
-  if (!covariance) return;
+  times_singular_ = covariance ? 0 : times_singular_ + 1;
+  if (!covariance) return false;
   covariance_ = std::move(covariance);
   covariance_frame_ = frame;
   covariance_attitude_ = graph_.findFrame(frame)->T_WB().rotation;
+  return true;
 }
 
 std::optional<Matrix15d> SlidingWindowEstimator::motionCovariance() const {
@@ -239,20 +245,32 @@ std::optional<Matrix15d> SlidingWindowEstimator::motionCovariance() const {
   return Matrix15d(to_W * result * to_W.transpose());
 }
 
-double SlidingWindowEstimator::positionSigma() const {
-  if (!covariance_) return 0.0;
-  const Eigen::MatrixXd pose = covariance_->block({covariance_frame_, BlockKind::kPose});
-  return options_.sigma_inflation * std::sqrt(std::max(0.0, pose.topLeftCorner<3, 3>().trace()));
+// Of the newest position as seen from the last frame that saw anything: where in the world the two are, and which way they
+// head, was no better known before. docs/derivation.md (D71).
+double SlidingWindowEstimator::driftSinceSighted() const {
+  const std::deque<FrameState>& frames = graph_.frames();
+  const auto sighted = std::find_if(frames.rbegin(), frames.rend(), [](const FrameState& frame) {
+    return frame.features.size() >= kFewestPoints;
+  });
+  if (sighted == frames.rend() || sighted->id == newest().id) return 0.0;
+  const BlockKey from{sighted->id, BlockKind::kPose}, to{newest().id, BlockKind::kPose};
+  const Eigen::Matrix3d R_SW = sighted->rotation().conjugate().toRotationMatrix();
+  Eigen::Matrix<double, 3, 6> by_from, by_to;
+  by_to << R_SW, Eigen::Matrix3d::Zero();
+  by_from << -R_SW, skew(R_SW * (newest().position() - sighted->position()));
+  const Eigen::Matrix3d cross = by_from * covariance_->block(from, to) * by_to.transpose();
+  const Eigen::Matrix3d P = by_from * covariance_->block(from) * by_from.transpose() +
+                            by_to * covariance_->block(to) * by_to.transpose() + cross + cross.transpose();
+  return options_.sigma_inflation * std::sqrt(std::max(0.0, P.trace()));
 }
 
 std::string SlidingWindowEstimator::findLoss(TimeNs stamp) const {
   std::ostringstream text;
   const double blind = toSeconds(stamp - last_sighted_);
-  const double drift = positionSigma() - sighted_position_sigma_;
   if (blind > options_.max_blind_time) {
     text << "no usable image for " << blind << " s";
-  } else if (drift > options_.max_position_drift) {
-    text << "the position is uncertain by " << drift << " m (sigma) more after " << blind
+  } else if (blind_drift_ > options_.max_position_drift) {
+    text << "the position is uncertain by " << blind_drift_ << " m (sigma) more after " << blind
          << " s without usable images";
   }
   return text.str();
@@ -299,6 +317,7 @@ std::string SlidingWindowEstimator::findFault() const {
   if (!frame.T_WB().isFinite() || !frame.velocity().allFinite() || !T_BC.isFinite() ||
       !std::isfinite(graph_.calibration().td))
     return "the estimate is not finite";
+  if (times_singular_ > kMostSingular) return "images and IMU do not determine the states any more";
   if (frame.velocity().norm() > kLargestSpeed) return "the estimated speed is impossible";
   if (bias.gyroscope.norm() > kLargestGyroBias) return "the estimated gyroscope bias is impossible";
   if (bias.accelerometer.norm() > kLargestAccelBias) return "the estimated accelerometer bias is impossible";

@@ -1,5 +1,6 @@
 #include "autocal_vio/estimator/standing_frame.h"
 
+#include <algorithm>
 #include <cmath>
 #include <memory>
 #include <utility>
@@ -10,10 +11,6 @@ namespace {
 
 constexpr double kDistance =
     0.5;  // [s] from the standing frame to its candidate, and from that to the newest
-
-FrameState& standingFrame(VisualInertialGraph* graph) {
-  return graph->frames()[graph->frames().size() - 2];
-}
 
 Eigen::Vector3d meanAngularVelocity(const std::vector<ImuSample>& samples) {
   Eigen::Vector3d sum = Eigen::Vector3d::Zero();
@@ -26,25 +23,36 @@ Eigen::Vector3d meanAngularVelocity(const std::vector<ImuSample>& samples) {
 }  // namespace
 
 StandingFrame::StandingFrame(const Eigen::MatrixXd& motion_covariance, VisualInertialGraph* graph) {
-  FrameState& standing = standingFrame(graph);
+  FrameState& standing = graph->frames()[graph->frames().size() - 2];
+  id_ = standing.id;
   first_gyroscope_bias_ = standing.bias().gyroscope;
   gyroscope_variance_ = motion_covariance.diagonal().segment<3>(3);
   standing.setMotion(Eigen::Vector3d::Zero(), standing.bias());
 }
 
+FrameState& StandingFrame::standing(VisualInertialGraph* graph) const {
+  return *std::find_if(graph->frames().rbegin(), graph->frames().rend(),
+                       [this](const FrameState& frame) { return frame.id == id_; });
+}
+
 void StandingFrame::declare(double sigma_velocity, VisualInertialGraph* graph) {
   StandstillMeasurement measurement;
   measurement.sigma_velocity = sigma_velocity;
-  standingFrame(graph).standstill = measurement;
+  graph->frames()[graph->frames().size() - 2].standstill = measurement;
+}
+
+void StandingFrame::hold(VisualInertialGraph* graph) const {
+  const FrameState& frame = standing(graph);
+  FrameState& newest = graph->frames().back();
+  newest.pose = frame.pose;
+  newest.setMotion(Eigen::Vector3d::Zero(), frame.bias());
 }
 
 bool StandingFrame::follow(const ImuBuffer& imu, const ImuNoise& noise, VisualInertialGraph* graph) {
-  const FrameState& standing = standingFrame(graph);
-  FrameState& newest = graph->frames().back();
-  newest.pose = standing.pose;
-  newest.setMotion(Eigen::Vector3d::Zero(), standing.bias());
+  hold(graph);
+  const FrameState& newest = graph->frames().back();
   if (!candidate_) {
-    if (toSeconds(newest.stamp - standing.stamp) >= kDistance) candidate_ = newest;
+    if (toSeconds(newest.stamp - standing(graph).stamp) >= kDistance) candidate_ = newest;
     return false;
   }
   if (toSeconds(newest.stamp - candidate_->stamp) < kDistance) return false;
@@ -54,7 +62,7 @@ bool StandingFrame::follow(const ImuBuffer& imu, const ImuNoise& noise, VisualIn
 }
 
 bool StandingFrame::advance(const ImuBuffer& imu, const ImuNoise& noise, VisualInertialGraph* graph) {
-  FrameState& standing = standingFrame(graph);
+  FrameState& standing = this->standing(graph);
   FrameState& newest = graph->frames().back();
   const TimeNs begin = standing.stamp + fromSeconds(standing.reference_td);
   const TimeNs middle = candidate_->stamp + fromSeconds(candidate_->reference_td);

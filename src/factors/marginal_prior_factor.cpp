@@ -10,10 +10,12 @@ namespace {
 
 using RowMajorX = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 using Chain = Eigen::Matrix<double, 3, 4>;
+using FourColumns =
+    Eigen::Ref<Eigen::Matrix<double, Eigen::Dynamic, 4, Eigen::RowMajor>, 0, Eigen::OuterStride<>>;
 
 // Residual by the quaternion of the pose that is block `i`, whose error begins at `column` (D33).
-Eigen::Matrix<double, Eigen::Dynamic, 4> byAttitude(const MarginalPrior& prior, std::size_t i, int column,
-                                                    const double* pose, const Eigen::Vector3d& phi) {
+void byAttitude(const MarginalPrior& prior, std::size_t i, int column, const double* pose,
+                const Eigen::Vector3d& phi, FourColumns J) {
   const Eigen::MatrixXd& J_e = prior.jacobian();
   const PriorState& x0 = prior.points()[i];
   const Eigen::Map<const Eigen::Quaterniond> q(pose + 3), q0(x0.data() + 3);
@@ -21,14 +23,12 @@ Eigen::Matrix<double, Eigen::Dynamic, 4> byAttitude(const MarginalPrior& prior, 
   const Chain by_q = q.toRotationMatrix() * rotationByQuaternion(q);  // world rotation by the coefficients
   const Eigen::Vector3d arm = turn * (x0.head<3>() - prior.centre());
   // phi by a rotation from the left: Jl^-1(phi) = Jr^-1(-phi).
-  Eigen::Matrix<double, Eigen::Dynamic, 4> J =
-      J_e.middleCols<3>(column + 3) * Chain(rightJacobianInverseSo3(-phi) * by_q);
+  J.noalias() = J_e.middleCols<3>(column + 3) * Chain(rightJacobianInverseSo3(-phi) * by_q);
   J.noalias() += J_e.middleCols<3>(column) * Chain(skew(arm) * by_q);
   if (i + 1 < prior.points().size() && prior.points()[i + 1].size() == 9) {
     const Eigen::Vector3d velocity = turn * prior.points()[i + 1].head<3>();
     J.noalias() += J_e.middleCols<3>(column + 6) * Chain(skew(velocity) * by_q);
   }
-  return J;
 }
 
 }  // namespace
@@ -58,7 +58,7 @@ bool MarginalPriorFactor::Evaluate(double const* const* parameters, double* resi
       Eigen::Map<RowMajorX> J(jacobians[i], residual.size(), ambient);
       if (ambient == 7) {
         J.leftCols<3>() = J_e.middleCols<3>(column);
-        J.rightCols<4>() = byAttitude(prior_, i, column, parameters[i], error.segment<3>(column + 3));
+        byAttitude(prior_, i, column, parameters[i], error.segment<3>(column + 3), J.rightCols<4>());
       } else if (ambient == 4) {
         const Eigen::Map<const Eigen::Quaterniond> q(parameters[i]);
         J.noalias() = J_e.middleCols<3>(column) *

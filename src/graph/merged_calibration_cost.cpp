@@ -7,7 +7,8 @@
 namespace autocal_vio {
 namespace {
 
-// A reprojection fits: it is evaluated a thousand times in each iteration and must not allocate.
+// A reprojection fits: it is evaluated a thousand times in each iteration and must not allocate. The prior does not, and
+// takes its memory once.
 constexpr int kFewBlocks = 8, kFewRows = 4;
 
 }  // namespace
@@ -38,9 +39,12 @@ bool MergedCalibrationCost::Evaluate(double const* const* parameters, double* re
     return evaluate(parameters, residuals, jacobians, inner_parameters.data(), inner_jacobians.data(),
                     scratch.data());
   }
-  std::vector<const double*> inner_parameters(blocks);
-  std::vector<double*> inner_jacobians(blocks);
-  std::vector<double> scratch(static_cast<std::size_t>(rows) * CalibrationManifold::kSize);
+  thread_local std::vector<const double*> inner_parameters;
+  thread_local std::vector<double*> inner_jacobians;
+  thread_local std::vector<double> scratch;
+  inner_parameters.resize(blocks);
+  inner_jacobians.resize(blocks);
+  scratch.resize(static_cast<std::size_t>(rows) * CalibrationManifold::kSize);
   return evaluate(parameters, residuals, jacobians, inner_parameters.data(), inner_jacobians.data(),
                   scratch.data());
 }

@@ -170,8 +170,9 @@ std::optional<double> fittedPixelSigma(const VisualInertialGraph& graph) {
 }
 
 std::string solveAdaptingNoise(int max_iterations, double outlier_px, VisualInertialGraph* graph,
-                               NoiseAdaptation* noise) {
+                               NoiseAdaptation* noise, const std::atomic<bool>* cancelled) {
   for (int round = 0; round < kNoiseRounds; ++round) {
+    if (cancelled && *cancelled) return "cancelled";
     if (!graph->solve(max_iterations, kRoundTolerance).usable) return "the bundle adjustment failed";
     graph->dropOutliers(round == 0 ? outlier_px : std::min(outlier_px, graph->outlierThreshold()));
     if (const std::optional<double> fitted = fittedPixelSigma(*graph)) graph->options().pixel_sigma = *fitted;

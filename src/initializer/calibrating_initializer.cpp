@@ -1,5 +1,6 @@
 #include "autocal_vio/initializer/calibrating_initializer.h"
 
+#include <algorithm>
 #include <chrono>
 #include <sstream>
 #include <utility>
@@ -150,7 +151,7 @@ std::optional<InitializedProblem> CalibratingInitializer::addFrame(const Feature
 
 // What a running attempt has begun with no longer holds.
 void CalibratingInitializer::outdateAttempt() {
-  if (running_) running_->obsolete = true;
+  if (running_) running_->attempt->cancel();
 }
 
 // Keyframes are a chain: each shares tracks with the one before, without a long gap in the IMU samples between.
@@ -263,8 +264,8 @@ AttemptInput CalibratingInitializer::attemptInput(const ImuBuffer& imu) const {
 std::optional<InitializedProblem> CalibratingInitializer::startAttempt(AttemptInput input) {
   const auto attempt = std::make_shared<InitializationAttempt>(std::move(input), status_);
   if (options_.in_background) {
-    running_ = RunningAttempt{
-        attempt, std::async(std::launch::async, [attempt] { return attempt->run(); }), {}, false};
+    running_ =
+        RunningAttempt{attempt, std::async(std::launch::async, [attempt] { return attempt->run(); }), {}};
     return std::nullopt;
   }
   std::optional<InitializedProblem> problem = attempt->run();
@@ -279,7 +280,7 @@ std::optional<InitializedProblem> CalibratingInitializer::followAttempt(const Fe
   running_.reset();
   std::optional<InitializedProblem> problem = done.result.get();
   background_ms_ = done.attempt->cpuMs();
-  if (done.obsolete) return std::nullopt;
+  if (done.attempt->cancelled()) return std::nullopt;
   conclude(*done.attempt);
   if (problem) problem->later = std::move(done.later);
   return problem;
@@ -289,12 +290,22 @@ void CalibratingInitializer::conclude(const InitializationAttempt& attempt) {
   static_cast<AttemptFindings&>(status_) = attempt.findings();
   if (attempt.solved() && !first_solution_) first_solution_ = last_attempt_;
   noise_factors_ = attempt.noiseFound().value_or(NoiseFactors());
-  attempt_pause_ = options_.attempt_interval * attempt.patience();
+  attempt_pause_ = pauseAfter(attempt);
   if (attempt.rotationContradiction())
     dropPrior(rotationPriorProblem({*attempt.rotationContradiction(), false}, *prior_, false));
   else if (attempt.translationContradiction())
     dropPrior(translationPriorProblem({*attempt.translationContradiction(), false}, *prior_));
   if (!status_.reason.empty() && prior_ && !status_.rotation.accepted) doubtPrior();
+}
+
+// Where the patience ends before the wait does, less is asked for then.
+double CalibratingInitializer::pauseAfter(const InitializationAttempt& attempt) const {
+  double wait = attempt.wait();
+  if (first_solution_) {
+    const double patience = options_.scale_patience - toSeconds(last_attempt_ - *first_solution_);
+    if (patience > 0.0) wait = std::min(wait, patience);
+  }
+  return std::max(options_.attempt_interval, wait);
 }
 
 // An attempt may have failed for a rotation given beforehand that the motion can neither confirm nor contradict.

@@ -40,7 +40,7 @@ constexpr double kAnySigma = std::numeric_limits<double>::infinity();
 constexpr double kKnownTranslation = 0.1;  // [m] sigma with which the data tell, not what a lever arm may be
 constexpr double kNearPriorSigmas = 3.0;   // of a prior's translation
 constexpr int kSolveIterations = 20;
-constexpr double kMostPatience = 2.0;
+constexpr double kLongestWait = 2.0;  // [s] the motion may change
 
 // Relative sigma of the scale of the camera's path, and with it of all depths: of the part of its positions' covariance that
 // lies along the positions themselves. The IMU's own path would not do: of a rig that turns about a fixed point it is known
@@ -68,6 +68,13 @@ double relativeScaleSigma(const VisualInertialGraph& graph, const GraphCovarianc
     for (const auto& [key_b, J_b] : jacobians)
       variance += J_a * covariance.block(key_a, key_b) * J_b.transpose();
   return squares > 0.0 ? std::sqrt(std::max(0.0, variance)) / squares : 1e3;
+}
+
+// A batch is the dearest step of all: the next is worth while when the motion may have told enough. As long as it goes on as
+// it is, the scale's sigma falls with t^-0.5 to t^-1; livelier motion is faster, and shall not wait long in vain: t^-1.5 [s].
+double timeUntilScaleIsKnown(const std::vector<FeatureFrame>& keyframes, double sigma_over_wanted) {
+  const double span = toSeconds(keyframes.back().stamp - keyframes.front().stamp);
+  return std::min(kLongestWait, span * (std::pow(sigma_over_wanted, 2.0 / 3.0) - 1.0));
 }
 
 double countObservations(const VisualInertialGraph& graph) {
@@ -99,7 +106,7 @@ std::optional<InitializedProblem> InitializationAttempt::run() {
 }
 
 std::optional<InitializedProblem> InitializationAttempt::solve() {
-  if (!preintegrate() || !reconstruct()) return std::nullopt;
+  if (!preintegrate() || !reconstruct() || cancelled_) return std::nullopt;
   const AttemptFindings before = findings_;
   std::optional<InitializedProblem> problem = solveMotion();
   if (!input_.prior || input_.hold_rotation || input_.hold_translation) return problem;
@@ -124,6 +131,7 @@ std::optional<InitializedProblem> InitializationAttempt::solveDoubtingPrior(
     std::optional<InitializedProblem> believing, const AttemptFindings& untouched) {
   const AttemptFindings believed = findings_;
   const std::optional<NoiseFactors> noise_believed = noise_found_;
+  const double wait_believed = wait_;
   const ExtrinsicsPrior prior = *input_.prior;
   input_.prior->T_imu_cam.translation.setZero();  // as from nothing
   input_.prior->sigma_translation = kPriorSigmaTranslation;
@@ -147,6 +155,7 @@ std::optional<InitializedProblem> InitializationAttempt::solveDoubtingPrior(
   }
   findings_ = believed;
   noise_found_ = noise_believed;
+  wait_ = wait_believed;
   return believing;
 }
 
@@ -294,7 +303,7 @@ InitializedProblem InitializationAttempt::buildProblem() const {
 bool InitializationAttempt::refine(InitializedProblem* problem) {
   const double given = countObservations(problem->graph);
   const std::string failure =
-      solveAdaptingNoise(kSolveIterations, kOutlierPx, &problem->graph, &problem->noise);
+      solveAdaptingNoise(kSolveIterations, kOutlierPx, &problem->graph, &problem->noise, &cancelled_);
   share_that_fits_ = countObservations(problem->graph) / given;
   return failure.empty() || fail(failure, "keep moving with changing speed and direction, while turning");
 }
@@ -314,8 +323,7 @@ bool InitializationAttempt::judge(const InitializedProblem& problem) {
     why << "images and IMU do not fit together yet: " << std::lround(100.0 * share_that_fits_)
         << " % of the tracked points fit";
   } else if (!(sigma_scale < input_.max_sigma_scale)) {
-    // The further away, the longer it takes to get there; a batch is the dearest step of all.
-    patience_ = std::clamp(sigma_scale / input_.max_sigma_scale, 1.0, kMostPatience);
+    wait_ = timeUntilScaleIsKnown(input_.keyframes, sigma_scale / input_.max_sigma_scale);
     why << "scale is known to " << std::ceil(1e3 * sigma_scale) / 10.0 << " % (sigma), needs "
         << 100.0 * input_.max_sigma_scale << " %";
   } else if (!(rms < kLargestPixelRms)) {

@@ -24,7 +24,8 @@ GraphOptions graphOptions(const EstimatorOptions& options) {
 
 constexpr double kUnknownSigma = 1e3;   // published where nothing is known
 constexpr double kSuspectSigmas = 2.0;  // of three axes from a prior, where something does not fit anyhow
-constexpr double kBlindRemark = 0.3;    // [s] without usable images before the reason says so
+constexpr double kContradictionLasts = 0.7;  // [s] until a prior is dropped for it
+constexpr double kBlindRemark = 0.3;         // [s] without usable images before the reason says so
 
 constexpr int kTranslationHalf = 0, kRotationHalf = 3;  // where they begin in [p_BC, theta]
 
@@ -144,13 +145,23 @@ void Session::checkPrior() {
   const Strain rotation = strain(kRotationHalf), translation = strain(kTranslationHalf);
   const bool rotation_wrong = !held_.rotation && rotation.sigmas() > kContradictionSigmas;
   const bool translation_wrong = !held_.translation && translation.sigmas() > kContradictionSigmas;
-  if (!rotation_wrong && !translation_wrong) return;
+  if (!contradictionLasts(rotation_wrong || translation_wrong)) return;
   if (rotation_wrong && !(translation_wrong && translation.sigmas() > rotation.sigmas()))
     prior_problem_ = rotationPriorProblem(rotation.off, *prior_, false);
   else
     prior_problem_ = translationPriorProblem(translation.off, *prior_);
   estimator_->dropCalibrationPrior();
   record_.forgetSteps();  // those away from the prior
+}
+
+// One image with a wrong stamp throws a young estimate off by decimetres for two keyframes.
+bool Session::contradictionLasts(bool contradicted) {
+  const TimeNs now = estimator_->newest().stamp;
+  if (!contradicted)
+    contradicted_since_.reset();
+  else if (!contradicted_since_)
+    contradicted_since_ = now;
+  return contradicted && toSeconds(now - *contradicted_since_) >= kContradictionLasts;
 }
 
 // As of the extrinsics; only somebody's word has so small a sigma that an estimate could leave it by many of them.

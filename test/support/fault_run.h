@@ -7,6 +7,7 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/LU>
 #include <cmath>
 #include <deque>
 #include <functional>
@@ -70,6 +71,19 @@ class Stream {
       if (!e.isImu() && e.time > from && e.time < to) e.frame().features.clear();
     renameTracksAfter(to);
   }
+  /// The first image after `time` comes with a stamp that is late by `by` [s].
+  void delayStamp(double time, double by) {
+    if (StreamEvent* image = firstImageAfter(time)) image->frame().stamp += fromSeconds(by);
+  }
+  /// All points of the first image after `time` are elsewhere, as where the camera is knocked and stands the knock.
+  void shiftImage(double time, const Eigen::Vector2d& pixels) {
+    StreamEvent* image = firstImageAfter(time);
+    if (!image) return;
+    for (Feature& feature : image->frame().features) {
+      feature.pixel += pixels;
+      feature.normalized += feature.pixel_jacobian.inverse() * pixels;
+    }
+  }
   void shiftClock(double after, TimeNs shift) {
     for (StreamEvent& e : events_) {
       if (e.time <= after) continue;
@@ -90,6 +104,12 @@ class Stream {
   }
 
  private:
+  StreamEvent* firstImageAfter(double time) {
+    for (StreamEvent& e : events_)
+      if (!e.isImu() && e.time > time) return &e;
+    ADD_FAILURE() << "no image after " << time << " s";
+    return nullptr;
+  }
   void removeIf(const std::function<bool(const StreamEvent&)>& unwanted) {
     std::vector<StreamEvent> kept;
     for (StreamEvent& e : events_)

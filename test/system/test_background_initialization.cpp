@@ -105,17 +105,26 @@ TEST(BackgroundInitialization, WhatIsFrozenWhileOneRunsKeepsEveryBit) {
 TEST(BackgroundInitialization, AResetWhileOneRunsStartsAnew) {
   const FeatureDataset data = simulate(4, kLongEnough);
   int with_odometry = 0;
-  VioSystem system(data.rig.rig, inBackground(),
-                   [&](const VioUpdate& update) { with_odometry += update.odometry.has_value(); });
+  double attempts_ms = 0.0, longest_ms = 0.0;
+  VioSystem system(data.rig.rig, inBackground(), [&](const VioUpdate& update) {
+    with_odometry += update.odometry.has_value();
+    attempts_ms = std::max(attempts_ms, update.times.initialization_ms);
+  });
   feed(data, &system, [&](std::size_t index) {
-    if (index > 20 && index < 100 && index % 9 == 0) {
+    if (index > 20 && index < 200 && index % 43 == 0) {
+      const auto begin = std::chrono::steady_clock::now();
       system.reset(false);
+      longest_ms = std::max(
+          longest_ms,
+          std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count());
       with_odometry = 0;
     }
-    return with_odometry < 50 || index < 100;
+    return with_odometry < 50 || index < 200;
   });
   EXPECT_GE(with_odometry, 50);
   EXPECT_TRUE(system.lastUpdate().odometry);
+  std::printf("longest reset %.1f ms, dearest attempt %.1f ms\n", longest_ms, attempts_ms);
+  EXPECT_LT(longest_ms, 1e3 * 10.0 / 20.0) << "images are dropped once ten are in the queue";
 }
 
 // Although the rig has moved on by the time that the attempt is ready and the images meanwhile are caught up with.

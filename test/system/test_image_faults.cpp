@@ -1,5 +1,7 @@
 // What the system does when images stop, go dark or come back.
+#include <algorithm>
 #include <opencv2/core/mat.hpp>
+#include <string>
 
 #include "autocal_vio/sim/random_source.h"
 #include "calibration_error.h"
@@ -136,6 +138,50 @@ TEST(ImageFaults, StampsThatJitterMakeTheCalibrationUnsureAndNotWrong) {
 }
 
 // The real tracker: a covered lens, a white wall, and nothing at all.
+bool everSays(const FaultRun& run, const std::string& text) {
+  return std::any_of(run.records.begin(), run.records.end(),
+                     [&](const FaultRecord& r) { return r.update.reason.find(text) != std::string::npos; });
+}
+
+// It passes for a camera that is elsewhere for the time of one image.
+TEST(ImageFaults, OneWrongStampIsNoMovedMount) {
+  for (std::uint64_t seed = 1; seed <= 3; ++seed) {
+    for (const double late : {0.01, 0.02, 0.03}) {
+      Stream stream = eurocStream(seed, 20.0);
+      stream.delayStamp(16.0, late);
+      const FaultRun run = runStream(stream, stream.data().rig.rig, VioOptions());
+      EXPECT_FALSE(everSays(run, "moved on its mount")) << "seed " << seed << ", " << late << " s";
+      EXPECT_LT(driftBetween(run.before(15.9), run.last()), 0.1);
+      expectCalibrated(run, stream.data(), 0.2, 0.015);
+    }
+  }
+}
+
+TEST(ImageFaults, OneWrongStampDoesNotCondemnWhatIsHeld) {
+  Stream stream = eurocStream(2, 16.0);
+  stream.delayStamp(12.0, 0.02);
+  const auto freeze = [done = false](double time, VioSystem* system) mutable {
+    if (done || time < 11.0) return;
+    done = true;
+    EXPECT_TRUE(system->freeze({true, true, true}));
+  };
+  const FaultRun run = runStream(stream, stream.data().rig.rig, VioOptions(), freeze);
+  EXPECT_FALSE(everSays(run, "release it"));
+}
+
+// A young estimate is thrown off by it, by many sigmas, for two keyframes: no reason to take back what the user said.
+TEST(ImageFaults, OneWrongStampDoesNotCondemnARightPrior) {
+  for (std::uint64_t seed = 3; seed <= 5; ++seed) {
+    for (const double at : {3.5, 4.2}) {
+      Stream stream = eurocStream(seed, 7.0);
+      stream.delayStamp(at, 0.03);
+      const FaultRun run = runStream(stream, calibratedRig(stream.data()), VioOptions());
+      EXPECT_FALSE(everSays(run, "WRONG")) << "seed " << seed << " at " << at;
+      ASSERT_TRUE(run.last().update.odometry);
+    }
+  }
+}
+
 TEST(ImageFaults, ImagesWithoutAnyTextureAreHarmless) {
   const Stream stream = eurocStream(1, 6.0);
   std::vector<VioUpdate> updates;

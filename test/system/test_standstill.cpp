@@ -150,6 +150,41 @@ TEST(StandstillFaults, CoveredLensWhileStanding) {
   expectSmoothStart(run, 45.0);
 }
 
+// Somebody taps the camera, and it stands the knock: for one image it is elsewhere. Pinned all the while, and the bias is
+// learned on from the right frame.
+TEST(StandstillFaults, ATappedCameraWhileStanding) {
+  for (const bool held : {true, false}) {
+    SCOPED_TRACE(held ? "held" : "free");
+    Stream stream(simulateFeatures(stoppingOptions(false, 1, 20.0)));
+    stream.shiftImage(31.0, Eigen::Vector2d(9.0, -6.0));
+    const auto freeze = [done = !held](double time, VioSystem* system) mutable {
+      if (done || time < 20.0) return;
+      done = true;
+      EXPECT_TRUE(system->freeze({true, true, true}));
+    };
+    const FaultRun run = runStream(stream, stream.data().rig.rig, VioOptions(), freeze);
+    expectPinned(run, kStop + kRamp + kNoticed, 45.0);
+    expectSmoothStart(run, 45.0);
+  }
+}
+
+// And then puts the hand onto the lens.
+TEST(StandstillFaults, ATappedCameraThenACoveredLens) {
+  Stream stream(simulateFeatures(stoppingOptions(false, 1, 20.0)));
+  stream.shiftImage(31.0, Eigen::Vector2d(9.0, -6.0));
+  stream.darken(31.06, 34.0);
+  const FaultRun run = runStream(stream, stream.data().rig.rig, VioOptions());
+  const FaultRecord &before = run.before(30.9), &after = run.before(44.9);
+  for (const FaultRecord& r : run.between(30.9, 44.9)) {
+    ASSERT_TRUE(r.update.odometry) << r.time;
+    EXPECT_EQ(r.update.odometry->velocity_W.norm(), 0.0) << r.time;
+  }
+  EXPECT_TRUE(identical(before.update.odometry->T_odom_imu, after.update.odometry->T_odom_imu));
+  const CalibrationEstimate& c = after.update.calibration;
+  EXPECT_LT((c.gyroscope_bias - after.truth.bias.gyroscope).norm(), 3e-4);
+  expectSmoothStart(run, 45.0);
+}
+
 // It sets off under the cover: nobody sees it, but the IMU feels it.
 TEST(StandstillFaults, MotionUnderTheCoverIsNoStandstill) {
   const FeatureSimulationOptions options = stoppingOptions(false, 1, 10.0);

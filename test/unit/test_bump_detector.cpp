@@ -174,6 +174,20 @@ TEST(BumpDetector, WaitsUntilTheMountIsAtRest) {
   EXPECT_LT((verdict.T_BC.translation - truth.translation).norm(), 0.02);
 }
 
+// docs/derivation.md (D40). An image whose stamp is late shows a camera that is elsewhere, and the next one that it is not.
+TEST(BumpDetector, WhatComesToRestWhereItWasHasNotMoved) {
+  const Scene scene(bumped(FeatureSimulationOptions::euroc(4), 3.0, 0.03));
+  VisualInertialGraph graph = scene.solved();
+  BumpDetector detector;
+  for (int i = 0; i < 400; ++i) detector.look(graph, kInterval, false);
+  VisualInertialGraph moved = graph;
+  scene.predict(kLast + 1, &moved);
+  EXPECT_EQ(detector.look(moved, kInterval, false), Mount::kMoving);
+  EXPECT_EQ(detector.look(graph, kInterval, false), Mount::kMoving) << "elsewhere than in the image before";
+  EXPECT_EQ(detector.look(graph, kInterval, false), Mount::kAtRest);
+  EXPECT_EQ(detector.look(graph, kInterval, false), Mount::kAtRest);
+}
+
 TEST(BumpDetector, WhatMovesWithoutAnEndIsNoBump) {
   FeatureSimulationOptions options = bumped(FeatureSimulationOptions::euroc(4), 60.0, 0.0);
   options.bump_duration = 2.0;

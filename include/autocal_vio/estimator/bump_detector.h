@@ -3,7 +3,8 @@
 // From one image to the next the IMU predicts the pose, and known landmarks fix where the camera is. Were it not for
 // noise, the extrinsics that fit the newest image would be those of the graph. The detector learns how far apart the
 // two are from image to image, and tells when they are much further apart than ever, and most landmarks fit again once
-// the camera is moved on its mount. A mount takes some images to come to rest: it has where two in a row agree.
+// the camera is moved on its mount. A mount takes some images to come to rest: it has where two in a row agree. Where that
+// is the place of before, nothing has moved.
 #pragma once
 
 #include <Eigen/Core>
@@ -28,7 +29,7 @@ class BumpDetector {
 
   /// Looks at the graph's newest frame, `interval` [s] after the image before. Its states must be the IMU's prediction,
   /// since the last image at which the mount was at rest: an image of a moving mount must not be used for anything.
-  /// `standing`: the rig is, and says nothing of the noise in motion.
+  /// `standing`: the rig is, and says nothing of the noise in motion. Images further apart than 0.15 s say nothing either.
   Mount look(const VisualInertialGraph& graph, double interval, bool standing);
 
   /// Where the camera was in the last image of a mount that moves or has moved (T_BC).
@@ -39,7 +40,7 @@ class BumpDetector {
 
  private:
   using Step = Eigen::Matrix<double, 6, 1>;  // [m, rad]
-  Mount follow(const ExtrinsicsFit& fit, bool usable, double interval);
+  Mount follow(const ExtrinsicsFit& fit, bool usable, double interval, const Transform& T_BC_before);
   double distance(const Step& step) const;
   void learn(const Step& step);
 

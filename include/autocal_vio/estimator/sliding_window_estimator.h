@@ -82,8 +82,8 @@ class SlidingWindowEstimator {
   bool noticesStandstill(const FeatureFrame& frame, const ImuBuffer& imu);
   std::string stand(const ImuBuffer& imu);
   bool newestIsTied() const;
-  void updateCovariance(FrameId frame);
-  double positionSigma() const;
+  bool updateCovariance(FrameId frame);
+  double driftSinceSighted() const;
   std::string findLoss(TimeNs stamp) const;
   void adaptNoise();
   void adaptPixelSigma();
@@ -101,8 +101,9 @@ class SlidingWindowEstimator {
   std::optional<GraphCovariance> covariance_;
   FrameId covariance_frame_ = 0;
   Eigen::Quaterniond covariance_attitude_ = Eigen::Quaterniond::Identity();  ///< of that frame, then
-  TimeNs last_sighted_ = 0;              ///< stamp of the last image tied to the window by tracked points
-  double sighted_position_sigma_ = 0.0;  ///< there [m]
+  TimeNs last_sighted_ = 0;   ///< stamp of the last image tied to the window by tracked points
+  double blind_drift_ = 0.0;  ///< since then, sigma [m]
+  int times_singular_ = 0;    ///< in a row
 };
 
 }  // namespace autocal_vio

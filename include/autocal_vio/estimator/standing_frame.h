@@ -21,7 +21,10 @@ class StandingFrame {
   /// States at the frame before the newest, the standing one, that it does not move: a velocity of zero. [m/s]
   static void declare(double sigma_velocity, VisualInertialGraph* graph);
 
-  /// The newest frame stands where the standing one does. The latter's time follows at some distance, so that the
+  /// The newest frame stands where the standing one does.
+  void hold(VisualInertialGraph* graph) const;
+
+  /// Holds it there. The standing frame's time follows at some distance, so that the
   /// beginning of a motion that nobody has noticed yet does not count as standing. True when it has moved on.
   bool follow(const ImuBuffer& imu, const ImuNoise& noise, VisualInertialGraph* graph);
 
@@ -29,6 +32,9 @@ class StandingFrame {
   bool advance(const ImuBuffer& imu, const ImuNoise& noise, VisualInertialGraph* graph);
   void learn(const std::vector<ImuSample>& samples, const ImuNoise& noise, FrameState* standing);
 
+  FrameState& standing(VisualInertialGraph* graph) const;
+
+  FrameId id_;                            ///< of the standing frame
   Eigen::Vector3d first_gyroscope_bias_;  ///< [rad/s]
   Eigen::Vector3d gyroscope_variance_;    ///< of it, with the walk since [(rad/s)^2]
   std::optional<FrameState> candidate_;   ///< image to which the standing frame moves next

@@ -5,6 +5,7 @@
 // E[r^T M_k r] = tr(M_k (C - A P A^T)) when the factors f are right, where A P A^T is what the states absorbed.
 #pragma once
 
+#include <atomic>
 #include <deque>
 #include <optional>
 #include <string>
@@ -78,8 +79,8 @@ std::optional<double> fittedPixelSigma(const VisualInertialGraph& graph);
 
 /// Solves a batch, then finds the IMU's noise level from all its intervals and solves again, a few times over:
 /// without it a vibrating IMU is trusted too much and spoils the calibration. Reprojections above `outlier_px` are
-/// dropped on the way. Returns why it failed; empty on success.
+/// dropped on the way. Returns why it failed; empty on success. `cancelled`: looked at between two solves.
 std::string solveAdaptingNoise(int max_iterations, double outlier_px, VisualInertialGraph* graph,
-                               NoiseAdaptation* noise);
+                               NoiseAdaptation* noise, const std::atomic<bool>* cancelled = nullptr);
 
 }  // namespace autocal_vio

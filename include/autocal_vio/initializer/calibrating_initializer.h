@@ -40,6 +40,8 @@ class CalibratingInitializer {
                          const std::optional<ExtrinsicsPrior>& prior, const TimeOffsetPrior& time_offset,
                          const InitializerOptions& options, const RotationCalibratorOptions& rotation_options,
                          const GraphOptions& graph_options);
+  /// Waits for a running attempt, which it cancels.
+  ~CalibratingInitializer() { outdateAttempt(); }
 
   /// Adds the tracks of the next image; the IMU covers its stamp + td(). Returns the problem once solved: at once, or,
   /// where attempts run in the background, at a later image, with the images since then.
@@ -80,7 +82,6 @@ class CalibratingInitializer {
     std::shared_ptr<InitializationAttempt> attempt;
     std::future<std::optional<InitializedProblem>> result;
     std::vector<FeatureFrame> later;
-    bool obsolete;
   };
 
   void checkPrior();
@@ -95,6 +96,7 @@ class CalibratingInitializer {
   std::optional<InitializedProblem> startAttempt(AttemptInput input);
   std::optional<InitializedProblem> followAttempt(const FeatureFrame& frame);
   void conclude(const InitializationAttempt& attempt);
+  double pauseAfter(const InitializationAttempt& attempt) const;
   void doubtPrior();
   void outdateAttempt();
   void explain(const std::string& reason, const std::string& advice);

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <atomic>
 #include <optional>
 #include <string>
 #include <vector>
@@ -64,6 +65,10 @@ class InitializationAttempt {
   /// The problem, accepted by its covariance and residuals; nothing otherwise, with the reason in findings().
   std::optional<InitializedProblem> run();
 
+  /// From another thread: nobody wants the result any more. run() ends with the step that it is at, 0.1 s or so later.
+  void cancel() { cancelled_ = true; }
+  bool cancelled() const { return cancelled_; }
+
   const AttemptFindings& findings() const { return findings_; }
 
   /// Angle [rad] of the solution from a rotation given beforehand that nothing fits together with; nothing where that was
@@ -73,8 +78,8 @@ class InitializationAttempt {
   /// The same of a translation given beforehand [m].
   const std::optional<double>& translationContradiction() const { return translation_contradiction_; }
 
-  /// How much longer than usual to wait for the next attempt [1, 2]: it will not do before.
-  double patience() const { return patience_; }
+  /// Until the next attempt, as far as this one can tell [s].
+  double wait() const { return wait_; }
 
   /// True where a batch was solved: what was wanting, if anything, is information.
   bool solved() const { return solved_; }
@@ -104,7 +109,8 @@ class InitializationAttempt {
 
   AttemptInput input_;
   AttemptFindings findings_;
-  double patience_ = 1.0;
+  std::atomic<bool> cancelled_{false};
+  double wait_ = 0.0;
   bool solved_ = false;
   double share_that_fits_ = 1.0;  ///< of the observations, in the batch's solution
   bool misfit_ = false;           ///< no solution, or images and IMU do not fit together in it

@@ -18,7 +18,8 @@ struct InitializerOptions {
     visit("keyframe_interval", keyframe_interval, 0.02, 2, "time between keyframes of the structure [s]");
     visit("max_keyframes", max_keyframes, 6, 200, "keyframes of the structure, the newest [-]");
     visit("min_keyframes", min_keyframes, 5, 200, "keyframes before the first attempt [-]");
-    visit("attempt_interval", attempt_interval, 0.05, 10, "time between attempts [s]");
+    visit("attempt_interval", attempt_interval, 0.05, 10,
+          "least time between attempts, 2 s while the scale is far from known [s]");
     visit("max_sigma_scale", max_sigma_scale, 0.001, 0.5,
           "odometry starts below this relative sigma of the scale [-]");
     visit("relaxed_max_sigma_scale", relaxed_max_sigma_scale, 0.001, 0.5,

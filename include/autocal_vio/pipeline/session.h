@@ -76,6 +76,7 @@ class Session {
   void startEstimator(InitializedProblem problem, TimeNs stamp);
   void continueFromLastPose();
   void checkPrior();
+  bool contradictionLasts(bool contradicted);
   void checkTimeOffsetPrior();
   Strain strain(int first) const;
   void blamePrior();
@@ -99,11 +100,12 @@ class Session {
   Matrix6d intrinsics_share_;  ///< what is published adds this: of the intrinsics' own error
   std::optional<CalibrationEstimate> last_calibration_;  ///< of the last sound estimate
   CalibrationTrust calibration_trust_ = CalibrationTrust::kAll;
-  std::optional<ExtrinsicsPrior> prior_;  ///< as given
-  bool given_;                            ///< it is the user's word
-  std::string prior_problem_;             ///< what is wrong with it, in words
-  TimeOffsetPrior time_offset_prior_;     ///< as given
-  std::string time_offset_problem_;       ///< what is wrong with it, in words
+  std::optional<ExtrinsicsPrior> prior_;      ///< as given
+  bool given_;                                ///< it is the user's word
+  std::string prior_problem_;                 ///< what is wrong with it, in words
+  std::optional<TimeNs> contradicted_since_;  ///< by the estimate
+  TimeOffsetPrior time_offset_prior_;         ///< as given
+  std::string time_offset_problem_;           ///< what is wrong with it, in words
   FreezeSelection held_;
 };
 
