@@ -201,6 +201,39 @@ TEST(SlidingWindow, NothingIsLearnedOfPositionAndYaw) {
   }
 }
 
+// How long the IMU alone carries the odometry is no matter of where in the world it is, nor of how well that is known:
+// docs/derivation.md (D71).
+TEST(SlidingWindow, TheDriftWithoutImagesIsRelative) {
+  FeatureSimulationOptions simulation = FeatureSimulationOptions::euroc(1);
+  simulation.motion.duration = 16.0;
+  const FeatureDataset data = simulateFeatures(simulation);
+  ImuBuffer imu(1000 * kNsPerSecond);
+  for (const ImuSample& sample : data.imu) imu.add(sample);
+  EstimatorOptions options;
+  options.max_position_drift = 0.05;
+  std::vector<double> lost_after;
+  std::string problem;
+  for (const GaugeSigmas gauge : {GaugeSigmas(), GaugeSigmas{100.0, 0.5}}) {
+    SlidingWindowEstimator estimator = startFromTruth(data, imu, 40, 16, 4, {}, options, gauge);
+    std::size_t i = 40 + 15 * 4 + 1;
+    for (; i < 220; ++i) ASSERT_TRUE(estimator.process(data.frames[i], imu).healthy) << i;
+    FeatureFrame dark;
+    EstimatorResult result;
+    for (; result.healthy && imu.covers(data.frames[i].stamp + fromSeconds(0.03)); ++i) {
+      dark.stamp = data.frames[i].stamp;
+      result = estimator.process(dark, imu);
+    }
+    lost_after.push_back(toSeconds(dark.stamp - data.frames[219].stamp));
+    ASSERT_FALSE(result.healthy);
+    problem = result.problem;
+    EXPECT_NE(problem.find("the position is uncertain by"), std::string::npos) << problem;
+  }
+  std::printf("lost after %.2f s, and %.2f s far from home: %s\n", lost_after[0], lost_after[1],
+              problem.c_str());
+  EXPECT_GT(lost_after[0], 0.5);
+  EXPECT_NEAR(lost_after[1], lost_after[0], 0.11);
+}
+
 // A track that jumps onto something else is left out from then on.
 TEST(SlidingWindow, TracksThatJumpAreLeftOut) {
   FeatureSimulationOptions simulation = FeatureSimulationOptions::euroc(2);
