@@ -247,10 +247,30 @@ class Extrinsics:
     def __len__(self):
         return len(self.stamps)
 
+    def unknown(self):
+        """Whether the last rotation, and the last position, are not estimated: their sigmas say nothing."""
+        return (bool(np.any(self.sigma_rotations[-1] > UNKNOWN_ROTATION_RAD)),
+                bool(np.any(self.sigma_positions[-1] > UNKNOWN_POSITION_M)))
+
+    def agrees_with_inverse(self, p, q):
+        """Whether the last estimate is far nearer to the inverse of (p, q) than to it: the truth is the wrong way round."""
+        if any(self.unknown()):
+            return False
+        back = inverse(q)
+        distances = []
+        for position, rotation in (self.errors(p, q), self.errors(-rotation_matrix(back) @ p, back)):
+            # A radian of rotation counts as much as a metre: both come with every confusion.
+            distances.append(np.linalg.norm(position[-1]) + np.linalg.norm(rotation[-1]))
+        return distances[1] < 0.1 and distances[1] < 0.25 * distances[0]
+
     def errors(self, p, q):
         """Position [m] and rotation [rad, right perturbation] errors, N x 3 each."""
         rotation = log(multiply(np.broadcast_to(inverse(q), self.quaternions.shape), normalized(self.quaternions)))
         return self.positions - p, rotation
+
+
+# Sigmas beyond which a part of the extrinsics was not estimated [m, rad].
+UNKNOWN_POSITION_M, UNKNOWN_ROTATION_RAD = 100.0, 1.0
 
 
 def known(value):
@@ -272,12 +292,13 @@ def score_extrinsics(extrinsics, truth, start=None, rotation_deg=0.5, position_m
     said = [i for i, state in enumerate(extrinsics.states) if state == 'converged']
     rotation_sigmas = np.max(np.abs(rotation) / np.maximum(extrinsics.sigma_rotations, 1e-12), axis=1)
     position_sigmas = np.max(np.abs(position) / np.maximum(extrinsics.sigma_positions, 1e-12), axis=1)
+    no_rotation, no_position = extrinsics.unknown()
     out = {
-        'rotation_deg': float(degrees[-1]),
-        'translation_m': float(metres[-1]),
+        'rotation_deg': None if no_rotation else float(degrees[-1]),
+        'translation_m': None if no_position else float(metres[-1]),
         'td_ms': known(1e3 * (extrinsics.td[-1] - td)),
-        'rotation_sigmas': known(rotation_sigmas[-1]),
-        'translation_sigmas': known(position_sigmas[-1]),
+        'rotation_sigmas': None if no_rotation else known(rotation_sigmas[-1]),
+        'translation_sigmas': None if no_position else known(position_sigmas[-1]),
         'within_bounds_s': float(extrinsics.stamps[settled] - start) if settled < len(extrinsics) else None,
         'says_converged_s': float(extrinsics.stamps[said[0]] - start) if said else None,
         'final_state': extrinsics.states[-1],

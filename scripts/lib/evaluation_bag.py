@@ -81,16 +81,18 @@ class Recording:
         return (Poses(*zip(*poses)) if poses else Poses([], [], [])), frame
 
     def truth(self, wanted):
+        """(Poses, name of the frame whose poses they are; empty where the messages do not say)"""
         topic = self.choose(wanted, TRUTHS, '--truth-topic')
-        poses = []
+        poses, frame = [], ''
         for _, message, _ in self.bag.read_messages(topics=[topic]):
             stamp = message.header.stamp.to_sec()
+            frame = getattr(message, 'child_frame_id', '')
             if hasattr(message, 'transform'):
                 poses.append((stamp, vector(message.transform.translation), quaternion(message.transform.rotation)))
                 continue
             pose = message.pose.pose if hasattr(message.pose, 'pose') else message.pose
             poses.append((stamp, vector(pose.position), quaternion(pose.orientation)))
-        return Poses(*zip(*poses)) if poses else Poses([], [], [])
+        return (Poses(*zip(*poses)) if poses else Poses([], [], [])), frame
 
     def extrinsics(self, wanted=None, imu_frame='', camera_frame=None):
         """evaluation.Extrinsics from a topic (status or pose) or, where there is none, from tf; None where tf lacks it, too."""
@@ -125,16 +127,22 @@ class Recording:
         return Extrinsics(rows, [''] * len(rows))
 
     def from_tf(self, imu_frame, camera_frame):
-        """From the broadcasts imu_frame -> camera_frame (None: the only child of the IMU that moves)."""
-        rows = {}
+        """From the broadcasts imu_frame -> camera_frame (None: the only child of the IMU that moves). Where the odometry is
+        that of another frame than the IMU's, the camera's parent is taken for the IMU."""
+        rows, others = {}, {}
         topics = self.topics_of(TF)  # none would stand for all
         for _, message, _ in self.bag.read_messages(topics=topics) if topics else ():
             for transform in message.transforms:
                 parent, child = (name.lstrip('/') for name in (transform.header.frame_id, transform.child_frame_id))
-                if parent == imu_frame.lstrip('/') and camera_frame in (None, child):
-                    rows.setdefault(child, []).append(
+                if camera_frame not in (None, child):
+                    continue
+                of_imu = parent == imu_frame.lstrip('/')
+                if of_imu or camera_frame is not None:
+                    (rows if of_imu else others).setdefault(child if of_imu else parent, []).append(
                         [transform.header.stamp.to_sec()] + vector(transform.transform.translation) +
                         quaternion(transform.transform.rotation) + 8 * NOBODY_TOLD)
+        if not rows and len(others) == 1:
+            rows = others
         if camera_frame is not None and not rows:
             raise BadFile(self.path, None, 'tf has no transform from %s to %s' % (imu_frame or '?', camera_frame))
         if len(rows) > 1:

@@ -70,6 +70,8 @@ def calibration(extrinsics, truth, path):
             axes.plot(time, curve, color=COLOURS[axis], label='xyz'[axis])
             axes.fill_between(time, curve - 3 * sigma[:, axis], curve + 3 * sigma[:, axis], color=COLOURS[axis], alpha=0.15)
         axes.axhline(0.0, color='0.4', linewidth=0.8)
+        last = np.abs(error[-1])
+        span = max(span, 1.2 * np.max(last[np.isfinite(last)], initial=0.0))  # what it ends with is in the picture
         axes.set(ylabel=label, ylim=(-span, span))
         axes.grid(alpha=0.3)
     rows[0].legend(ncol=3)

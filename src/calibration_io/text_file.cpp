@@ -59,10 +59,12 @@ void flushFolder(const std::string& folder) {
 
 }  // namespace
 
+// Reading a pipe would wait for somebody who writes.
 std::optional<std::string> readTextFile(const std::string& path) {
   std::error_code ignored;
+  if (!std::filesystem::is_regular_file(path, ignored)) return std::nullopt;
   std::ifstream stream(path, std::ios::binary);
-  if (!stream || std::filesystem::is_directory(path, ignored)) return std::nullopt;
+  if (!stream) return std::nullopt;
   std::stringstream content;
   content << stream.rdbuf();
   if (stream.bad()) return std::nullopt;
@@ -71,6 +73,11 @@ std::optional<std::string> readTextFile(const std::string& path) {
 
 std::optional<std::string> writeFileAtomically(const std::string& link, const std::string& content) {
   const std::string path = followed(link);
+  std::error_code ignored;
+  // A rename would put a file in the place of a device.
+  if (std::filesystem::exists(path, ignored) && !std::filesystem::is_regular_file(path, ignored) &&
+      !std::filesystem::is_directory(path, ignored))
+    return "cannot write " + path + ": it is no regular file";
   const std::string pattern = path + ".XXXXXX";
   std::vector<char> temporary(pattern.begin(), pattern.end());
   temporary.push_back('\0');

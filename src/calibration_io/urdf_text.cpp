@@ -118,7 +118,8 @@ std::string lineBreakAfter(const std::string& xml, const Tag& tag) {
   if (content == std::string::npos) return "";
   const std::string gap = xml.substr(tag.range.end, content - tag.range.end);
   const std::size_t line = gap.find_last_of('\n');
-  return line == std::string::npos ? "" : gap.substr(line);
+  if (line == std::string::npos) return "";
+  return gap.substr(line > 0 && gap[line - 1] == '\r' ? line - 1 : line);
 }
 
 }  // namespace

@@ -295,6 +295,17 @@ void Session::fillFromInitializer(VioUpdate* update) const {
   calibration.rotation_observable = rotation.axis_observable;
 }
 
+void Session::describeBeginning(VioUpdate* update) const {
+  fillFromInitializer(update);
+  update->state = VioState::kWaitingForData;
+  update->reason = "started anew, waiting for an image";
+  update->motion_advice.clear();
+}
+
+void Session::describeState(VioUpdate* update) const {
+  if (estimator_ && update->odometry) fillState(update);
+}
+
 void Session::fillFromEstimator(const ImuBuffer& imu, VioUpdate* update) {
   // What only the initialisation knows (singular values, scale, gravity) stays as it was when it ended.
   fillFromInitializer(update);

@@ -22,6 +22,10 @@ void setProblem(std::string* problem, const std::string& text) {
   if (problem) *problem = text;
 }
 
+std::string sizeText(const cv::Size& size) {
+  return std::to_string(size.width) + "x" + std::to_string(size.height);
+}
+
 CameraModel makeCamera(const RigModel& rig, const VioOptions& options) {
   std::vector<std::string> problems = validateAll(options);
   const std::vector<std::string> noise = rig.imu_noise.validate();
@@ -90,12 +94,13 @@ class VioSystem::Impl {
   }
 
   bool addImage(const ImageFrame& frame, std::string* problem) {
-    const bool usable = frame.image.type() == CV_8UC1 && frame.image.cols == camera_.width() &&
-                        frame.image.rows == camera_.height();
-    if (!usable) {
+    const cv::Size calibrated(camera_.width(), camera_.height());
+    if (frame.image.type() != CV_8UC1 || frame.image.size() != calibrated) {
       ++counters_.images_dropped;
-      setProblem(problem, "the image is not 8-bit grey of " + std::to_string(camera_.width()) + "x" +
-                              std::to_string(camera_.height()) + " pixels");
+      setProblem(problem, frame.image.type() != CV_8UC1
+                              ? "the image is not 8-bit grey"
+                              : "the image is " + sizeText(frame.image.size()) +
+                                    " pixels, the camera's intrinsics are those of " + sizeText(calibrated));
       return false;
     }
     PendingFrame pending;
@@ -112,8 +117,10 @@ class VioSystem::Impl {
     last_processed_.reset();
     ages_.clear();
     lost_because_.clear();
-    update_ = VioUpdate();
     startSession(rig, session_->lastPose());
+    update_ = VioUpdate();
+    session_->describeBeginning(&update_);
+    update_.counters = counters_;
   }
 
   bool freeze(const FreezeSelection& selection, std::string* problem) {
@@ -129,9 +136,11 @@ class VioSystem::Impl {
     }
     frozen_ = selection;
     session_->hold(selection);
+    session_->describeState(&update_);
     return true;
   }
 
+  bool calibrationKnown() const { return session_->estimating() || session_rig_.extrinsics_prior; }
   const CameraModel& camera() const { return camera_; }
   const VioUpdate& lastUpdate() const { return update_; }
   const VioCounters& counters() const { return counters_; }
@@ -315,6 +324,10 @@ void VioSystem::reset(bool keep_calibration) {
 
 bool VioSystem::freeze(const FreezeSelection& selection, std::string* problem) {
   return impl_->freeze(selection, problem);
+}
+
+bool VioSystem::calibrationKnown() const {
+  return impl_->calibrationKnown();
 }
 
 const CameraModel& VioSystem::camera() const {

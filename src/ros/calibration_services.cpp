@@ -37,6 +37,7 @@ bool runCommand(Worker* worker, Command command, Response* response) {
 /// What a file is made of, copied out of the worker's thread.
 struct Snapshot {
   CalibrationEstimate calibration;
+  bool known = false;
   VioState state = VioState::kWaitingForData;
   CameraIntrinsics camera;
 };
@@ -77,9 +78,9 @@ CalibrationServices::CalibrationServices(const ros::NodeHandle& service_nh, Hook
 
 bool CalibrationServices::reset(Reset::Request& request, Reset::Response& response) {
   const bool keep = request.keep_calibration;
-  const auto command = [keep, before = hooks_.before_reset](VioSystem& system) {
-    before();
+  const auto command = [keep, done = hooks_.done](VioSystem& system) {
     system.reset(keep);
+    done(system.lastUpdate());
   };
   if (runCommand(hooks_.worker(), command, &response)) {
     response.message =
@@ -100,9 +101,10 @@ bool CalibrationServices::freeze(FreezeExtrinsics::Request& request, FreezeExtri
     CalibrationEstimate calibration;
   };
   const auto outcome = std::make_shared<Outcome>();
-  const auto command = [selection, outcome](VioSystem& system) {
+  const auto command = [selection, outcome, done = hooks_.done](VioSystem& system) {
     outcome->done = system.freeze(selection, &outcome->problem);
     outcome->calibration = system.lastUpdate().calibration;
+    if (outcome->done) done(system.lastUpdate());
   };
   if (!runCommand(hooks_.worker(), command, &response)) return true;
   response.success = outcome->done;
@@ -124,12 +126,12 @@ bool CalibrationServices::save(SaveCalibration::Request& request, SaveCalibratio
   const auto snapshot = std::make_shared<Snapshot>();
   const auto command = [snapshot](VioSystem& system) {
     snapshot->calibration = system.lastUpdate().calibration;
+    snapshot->known = system.calibrationKnown();
     snapshot->state = system.lastUpdate().state;
     snapshot->camera = system.camera().intrinsics();
   };
   if (!runCommand(hooks_.worker(), command, &response)) return true;
-  if (snapshot->state == VioState::kWaitingForData || snapshot->state == VioState::kCalibratingRotation ||
-      snapshot->state == VioState::kCalibratingTranslation) {
+  if (!snapshot->known) {
     response.success = false;
     response.message =
         std::string("there is no calibration to save yet, the state is ") + toString(snapshot->state);
@@ -168,6 +170,10 @@ std::optional<std::string> CalibrationServices::saveUrdf(const SaveCalibration::
     if (!source) return "there is no parameter robot_description; name a URDF file in urdf_source";
     const std::string imu = request.imu_link.empty() ? hooks_.imu_frame() : request.imu_link;
     const std::string camera = request.camera_link.empty() ? hooks_.camera_frame() : request.camera_link;
+    if (camera == imu) return request.urdf_path + " was not written: camera_link and imu_link are both " + imu;
+    if (camera == hooks_.imu_frame() || imu == hooks_.camera_frame())
+      return request.urdf_path + " was not written: camera_link and imu_link are the wrong way round, " +
+             camera + " is the IMU's frame or " + imu + " the camera's";
     return writeFileAtomically(request.urdf_path, urdfWithExtrinsics(*source, imu, camera, T_imu_cam));
   } catch (const LoadProblems& error) {
     return request.urdf_path + " was not written: " + error.oneLine() +

@@ -117,9 +117,11 @@ double SensorInputs::latencyMs(TimeNs stamp) const {
   return 0.0;
 }
 
-void SensorInputs::countRefusedImage(const std::string& problem) {
+void SensorInputs::refuse(const sensor_msgs::Image& message, const std::string& problem) {
   ++images_refused_;
-  log_->warn("image " + problem.substr(0, 24), "image on " + image_topic_ + " dropped: " + problem);
+  const std::string text = "image on " + image_topic_ + " dropped: " + problem;
+  log_->warn("image " + problem.substr(0, 24), text);
+  sinks_.image_refused(toTimeNs(message.header.stamp), text);
 }
 
 // Nothing may be thrown out of a callback: it would end the nodelet manager.
@@ -127,7 +129,7 @@ void SensorInputs::imageCallback(const sensor_msgs::ImageConstPtr& message) {
   try {
     handleImage(message);
   } catch (const std::exception& error) {
-    countRefusedImage(error.what());
+    refuse(*message, error.what());
   }
 }
 
@@ -146,7 +148,7 @@ void SensorInputs::handleImage(const sensor_msgs::ImageConstPtr& message) {
   std::string problem;
   std::optional<ImageFrame> frame = toImageFrame(message, &problem);
   if (!frame) {
-    countRefusedImage(problem);
+    refuse(*message, problem);
     return;
   }
   if (skip(*frame)) return;

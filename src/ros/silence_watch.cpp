@@ -23,14 +23,10 @@ SilenceWatch::SilenceWatch(std::string what, std::string topic, double start)
 void SilenceWatch::arrived(double now) {
   const std::lock_guard<std::mutex> lock(mutex_);
   last_ = now;
-  if (!any_) {  // begins the time in which messages are counted
-    any_ = true;
-    first_ = now;
-    return;
-  }
+  any_ = true;
   const std::int64_t number = slotOf(now);
   Slot& slot = slots_[static_cast<std::size_t>(number) % slots_.size()];
-  if (slot.number != number) slot = {number, 0};
+  if (slot.number != number) slot = {number, 0, now};
   ++slot.messages;
 }
 
@@ -51,11 +47,18 @@ std::optional<std::string> SilenceWatch::problem(double now, double limit) const
 double SilenceWatch::rate(double now) const {
   const std::lock_guard<std::mutex> lock(mutex_);
   const std::int64_t oldest = slotOf(now) - static_cast<std::int64_t>(slots_.size()) + 1;
-  const double span = now - std::max(first_, kSlotLength * static_cast<double>(oldest));
-  if (!any_ || span < kShortestSpan) return 0.0;
   int messages = 0;
-  for (const Slot& slot : slots_) messages += slot.number >= oldest ? slot.messages : 0;
-  return messages / span;
+  double first = now;
+  for (const Slot& slot : slots_) {
+    if (slot.number < oldest || slot.messages == 0) continue;
+    messages += slot.messages;
+    first = std::min(first, slot.first);
+  }
+  // Between the first and the last, unless the next is overdue.
+  const double span = last_ - first;
+  if (messages < 2 || now - first < kShortestSpan) return 0.0;
+  const double interval = span / (messages - 1);
+  return (messages - 1) / (now - last_ > 2.0 * interval ? now - first : span);
 }
 
 }  // namespace autocal_vio

@@ -20,6 +20,7 @@
 namespace autocal_vio {
 namespace {
 
+constexpr double kLargestBump = 1.0;  // [m]
 constexpr std::size_t kAhead = 40;  // events simulated ahead; rendering one image takes several IMU intervals
 
 std::unique_ptr<RigSimulator> makeSimulator(const SimulatedRigParameters& parameters) {
@@ -191,6 +192,10 @@ bool SimulatedRigRos::bump(BumpMount::Request& request, BumpMount::Response& res
   const Eigen::Vector3d translation(request.translation.x, request.translation.y, request.translation.z);
   if (!rotation.allFinite() || !translation.allFinite()) {
     response.message = "rotation or translation is not finite";
+    return true;
+  }
+  if (!(rotation.norm() < M_PI) || !(translation.norm() <= kLargestBump)) {
+    response.message = "a mount moves by less than half a turn and at most 1 m";
     return true;
   }
   const Transform T_CCnew(expSo3(rotation), translation);

@@ -13,6 +13,7 @@ namespace autocal_vio {
 namespace {
 
 const ros::WallDuration kWatchPeriod(0.25);
+constexpr double kRefusedFor = 1.0;     // [s] no image but refused ones, and the inputs are at fault
 constexpr double kImuMissingFor = 0.5;  // images are reported on without waiting for the IMU after this [s]
 
 ImuNoise scaledNoise(const ImuNoise& noise, const CalibrationEstimate& calibration) {
@@ -43,6 +44,7 @@ VioRos::VioRos(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh,
   SensorSinks sinks;
   sinks.imu = [this](const ImuSample& sample) { imuArrived(sample); };
   sinks.image = [this](ImageFrame frame) { imageArrived(std::move(frame)); };
+  sinks.image_refused = [this](TimeNs stamp, const std::string& text) { imageRefused(stamp, text); };
   sinks.clock_jumped = [this] { clockJumped(); };
   inputs_ = std::make_unique<SensorInputs>(nh, private_nh, parameters_.max_image_rate, &frames_, &log_,
                                            std::move(sinks));
@@ -50,7 +52,7 @@ VioRos::VioRos(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh,
 
   CalibrationServices::Hooks hooks;
   hooks.worker = [this] { return worker(); };
-  hooks.before_reset = [this] { forgetEstimate(); };
+  hooks.done = [this](const VioUpdate& update) { commandDone(update); };
   hooks.image_topic = inputs_->imageTopic();
   hooks.imu_frame = [this] { return frames_.imu(); };
   hooks.camera_frame = [this] { return frames_.camera(); };
@@ -81,8 +83,14 @@ void VioRos::start(const RigModel& rig) {
   queue.max_images = static_cast<std::size_t>(parameters_.queue_size);
   WorkerCallbacks callbacks;
   callbacks.on_update = [this](const VioUpdate& update) { updated(update); };
-  callbacks.on_refused = [this](const std::string& problem) {
-    log_.warn("refused", "image on " + inputs_->imageTopic() + " dropped: " + problem);
+  callbacks.on_refused = [this](TimeNs stamp, const std::string& problem) {
+    const std::string text = "image on " + inputs_->imageTopic() + " dropped: " + problem;
+    log_.warn("refused", text);
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      ++last_update_.counters.images_dropped;  // the next update has counted it
+    }
+    imageRefused(stamp, text);
   };
   callbacks.on_failure = [this](const std::string& what) {
     log_.warn("failure", "processing failed: " + what);
@@ -131,6 +139,16 @@ void VioRos::imageArrived(ImageFrame frame) {
   publishWaiting(stamp, reason);
 }
 
+// It has its status as any other, and the reason for as long as nothing better comes.
+void VioRos::imageRefused(TimeNs stamp, const std::string& text) {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (refusal_.empty()) refused_since_ = ros::WallTime::now();
+    refusal_ = text;
+  }
+  publishWaiting(stamp, text);
+}
+
 void VioRos::imuArrived(const ImuSample& sample) {
   if (const std::optional<MotionState> state = propagator_.add(sample)) outputs_.publishImuOdometry(*state);
   if (Worker* target = worker()) target->add(sample);
@@ -147,6 +165,7 @@ void VioRos::updated(const VioUpdate& update) {
     const std::lock_guard<std::mutex> lock(mutex_);
     before = last_update_.state;
     last_update_ = update;
+    refusal_.clear();
   }
   if (update.state != before) {
     ROS_INFO_STREAM(name_ << ": " << toString(before) << " -> " << toString(update.state) << ": "
@@ -167,13 +186,15 @@ void VioRos::carryOn(const VioUpdate& update) {
                      scaledNoise(parameters_.rig.imu_noise, update.calibration));
 }
 
-// Until the next image is processed nothing is known of the state but this.
-void VioRos::forgetEstimate() {
-  propagator_.clear(false);
-  const std::lock_guard<std::mutex> lock(mutex_);
-  last_update_.state = VioState::kWaitingForData;
-  last_update_.reason = "started anew, waiting for an image";
-  last_update_.odometry.reset();
+// The status says what a service has changed even where no image comes any more, after a bag.
+void VioRos::commandDone(VioUpdate update) {
+  if (!update.odometry) propagator_.clear(false);
+  if (update.stamp == 0) update.stamp = toTimeNs(ros::Time::now());
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    last_update_ = update;
+  }
+  publishStatus(update);
 }
 
 void VioRos::watch() {
@@ -232,6 +253,8 @@ VioHealth VioRos::health() const {
   if (!health.input_problem) health.input_problem = inputs_->disagreement();
   health.outputs = outputs_.health();
   const std::lock_guard<std::mutex> lock(mutex_);
+  const bool refusing = !refusal_.empty() && (ros::WallTime::now() - refused_since_).toSec() > kRefusedFor;
+  if (!health.input_problem && refusing) health.input_problem = refusal_;
   health.status = last_status_;
   return health;
 }

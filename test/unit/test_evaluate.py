@@ -159,6 +159,29 @@ class Evaluate(unittest.TestCase):
         self.assertEqual(run.returncode, 0)
         self.assertIn('metres?', run.stderr)
 
+    def results(self, states, pose, sigma):
+        rows = ['%.9f,%s,%s,0.001,0.001,%s' % (stamp, ','.join('%.9f' % value for value in pose),
+                                              ','.join('%g' % value for value in sigma), states) for stamp in STAMPS]
+        return self.write('estimate.csv', HEADING + '\n'.join(rows) + '\n')
+
+    def test_a_truth_the_wrong_way_round_is_noted(self):
+        back = [0.0, 0.1, 0.0, 0.0, 0.0, -QUARTER[2], QUARTER[3]]
+        table = self.results('converged', back, 3 * [0.001] + 3 * [0.001])
+        run = self.run_program(self.write('a.tum', self.tum()), '--extrinsics', table, '--extrinsics-truth', self.sensor)
+        self.assertIn('agrees with the inverse of this truth', run.stderr)
+        right = self.results('converged', [0.1, 0.0, 0.0] + QUARTER, 3 * [0.001] + 3 * [0.001])
+        run = self.run_program(self.write('a.tum', self.tum()), '--extrinsics', right, '--extrinsics-truth', self.sensor)
+        self.assertNotIn('inverse', run.stderr)
+
+    def test_what_was_never_estimated_is_not_scored(self):
+        table = self.results('calibrating_rotation', 6 * [0.0] + [1.0], 3 * [1000.0] + 3 * [1.815])
+        run = self.run_program(self.write('a.tum', self.tum()), '--extrinsics', table, '--extrinsics-truth', self.sensor)
+        self.assertEqual(run.returncode, 0, run.stderr)
+        self.assertIn('the calibration was never estimated', run.stderr)
+        self.assertRegex(run.stdout, r'rotation camera-IMU, error +-\n')
+        self.assertRegex(run.stdout, r'translation camera-IMU, error +-\n')
+        self.assertIn('estimate   none', run.stdout)
+
     def test_nothing_to_compare_with(self):
         run = self.run_program(self.write('a.tum', self.tum()))
         self.assertEqual(run.returncode, 2)

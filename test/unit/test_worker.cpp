@@ -71,7 +71,7 @@ TEST(Worker, ProcessesEveryImageInItsOwnThread) {
 TEST(Worker, ReportsRefusedImages) {
   std::vector<std::string> problems;
   WorkerCallbacks callbacks;
-  callbacks.on_refused = [&](const std::string& problem) { problems.push_back(problem); };
+  callbacks.on_refused = [&](TimeNs, const std::string& problem) { problems.push_back(problem); };
   Worker worker(smallRig(), VioOptions(), roomyQueue(), callbacks);
   worker.add(greyAt(kNsPerSecond, 200));
   waitUntilIdle(&worker);

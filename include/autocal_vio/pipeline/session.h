@@ -26,6 +26,12 @@ class Session {
   /// False when the estimate was lost; the session is then of no further use.
   bool process(const FeatureFrame& frame, const ImuBuffer& imu, VioUpdate* update);
 
+  /// What is known before the first image: state, reason and calibration of `update`.
+  void describeBeginning(VioUpdate* update) const;
+
+  /// State and reason of `update`, the last one, anew: they tell what is held.
+  void describeState(VioUpdate* update) const;
+
   /// Parts without a value yet are held from the first estimate on.
   void hold(const FreezeSelection& parts);
 

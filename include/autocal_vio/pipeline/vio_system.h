@@ -55,9 +55,12 @@ class VioSystem {
   /// there are no extrinsics to hold yet, or where VioOptions::fix_extrinsics holds them; `problem` (optional) says why.
   bool freeze(const FreezeSelection& selection, std::string* problem = nullptr);
 
+  /// Extrinsics are known: estimated, or given or kept from before.
+  bool calibrationKnown() const;
+
   const CameraModel& camera() const;
 
-  /// The state as of the last update; that of a new system after reset().
+  /// The state as of the last update, and what freeze() has changed; after reset() what is known before the next image.
   const VioUpdate& lastUpdate() const;
 
   /// The counters as of now: also what came after the last update.

@@ -20,7 +20,7 @@ class CalibrationServices {
  public:
   struct Hooks {
     std::function<Worker*()> worker;  ///< null while the system does not stand yet
-    std::function<void()> before_reset;
+    std::function<void(const VioUpdate&)> done;  ///< what a request has left; from the worker's thread
     std::string image_topic;                 ///< written into saved files
     std::function<std::string()> imu_frame;  ///< links of the URDF where a request names none
     std::function<std::string()> camera_frame;

@@ -29,6 +29,8 @@ namespace autocal_vio {
 struct SensorSinks {
   std::function<void(const ImuSample&)> imu;
   std::function<void(ImageFrame)> image;
+  /// An image that cannot be used, of this stamp, and why.
+  std::function<void(TimeNs, const std::string&)> image_refused;
   /// The stamps or the ROS time went back: what was received before no longer counts.
   std::function<void()> clock_jumped;
 };
@@ -63,7 +65,6 @@ class SensorInputs {
   std::uint64_t imagesSkipped() const { return images_skipped_; }
   /// Milliseconds since the image of `stamp` arrived; 0 when it is not known.
   double latencyMs(TimeNs stamp) const;
-  void countRefusedImage(const std::string& problem);
 
   // From the callbacks' thread:
   double imageRate() const { return image_watch_.rate(now_); }
@@ -71,6 +72,7 @@ class SensorInputs {
   const std::string& imageTopic() const { return image_topic_; }
 
  private:
+  void refuse(const sensor_msgs::Image& message, const std::string& problem);
   void imageCallback(const sensor_msgs::ImageConstPtr& message);
   void imuCallback(const sensor_msgs::ImuConstPtr& message);
   void handleImage(const sensor_msgs::ImageConstPtr& message);

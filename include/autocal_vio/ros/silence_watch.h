@@ -30,8 +30,9 @@ class SilenceWatch {
  private:
   /// Messages within one slot of time.
   struct Slot {
-    std::int64_t number = 0;
+    std::int64_t number = -1;
     int messages = 0;
+    double first = 0.0;  ///< time of the first [s]
   };
 
   const std::string what_;   ///< "image" or "IMU message"
@@ -40,7 +41,6 @@ class SilenceWatch {
   // Guarded by mutex_:
   double last_;
   bool any_ = false;
-  double first_ = 0.0;
   std::array<Slot, 8> slots_;  ///< the newest slots of time, slot k at k modulo their number
 };
 

@@ -37,10 +37,11 @@ class VioRos {
   Worker* worker() const { return worker_; }
   void cameraInfoCallback(const sensor_msgs::CameraInfo& message);
   void imageArrived(ImageFrame frame);
+  void imageRefused(TimeNs stamp, const std::string& text);
   void imuArrived(const ImuSample& sample);
   void clockJumped();
   void updated(const VioUpdate& update);
-  void forgetEstimate();
+  void commandDone(VioUpdate update);
   void carryOn(const VioUpdate& update);
   void watch();
   void publishStatus(const VioUpdate& update);
@@ -60,6 +61,8 @@ class VioRos {
   CalibrationStatus last_status_;
   std::string waiting_for_;   ///< why there is no worker yet
   std::string input_remark_;  ///< what is wrong with the stamps
+  std::string refusal_;       ///< of the last image; empty once one is processed
+  ros::WallTime refused_since_;
   // Used by the callbacks' thread only:
   std::unique_ptr<VioDiagnostics> diagnostics_;
   // The inputs feed the worker, the worker feeds the outputs; ~VioRos ends them in this order.
