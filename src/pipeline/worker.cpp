@@ -77,7 +77,8 @@ void Worker::process(Packet& packet) {
     system_->addImu(*sample);
   } else if (const ImageFrame* frame = std::get_if<ImageFrame>(&packet)) {
     std::string problem;
-    if (!system_->addImage(*frame, &problem) && callbacks_.on_refused) callbacks_.on_refused(frame->stamp, problem);
+    if (!system_->addImage(*frame, &problem) && callbacks_.on_refused)
+      callbacks_.on_refused(frame->stamp, problem);
   } else {
     std::get<Command>(packet)(*system_);
   }

@@ -170,7 +170,8 @@ std::optional<std::string> CalibrationServices::saveUrdf(const SaveCalibration::
     if (!source) return "there is no parameter robot_description; name a URDF file in urdf_source";
     const std::string imu = request.imu_link.empty() ? hooks_.imu_frame() : request.imu_link;
     const std::string camera = request.camera_link.empty() ? hooks_.camera_frame() : request.camera_link;
-    if (camera == imu) return request.urdf_path + " was not written: camera_link and imu_link are both " + imu;
+    if (camera == imu)
+      return request.urdf_path + " was not written: camera_link and imu_link are both " + imu;
     if (camera == hooks_.imu_frame() || imu == hooks_.camera_frame())
       return request.urdf_path + " was not written: camera_link and imu_link are the wrong way round, " +
              camera + " is the IMU's frame or " + imu + " the camera's";

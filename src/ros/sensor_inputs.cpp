@@ -121,7 +121,8 @@ void SensorInputs::refuse(const sensor_msgs::Image& message, const std::string& 
   ++images_refused_;
   const std::string text = "image on " + image_topic_ + " dropped: " + problem;
   log_->warn("image " + problem.substr(0, 24), text);
-  sinks_.image_refused(toTimeNs(message.header.stamp), text);
+  const ros::Time stamp = message.header.stamp.isZero() ? ros::Time::now() : message.header.stamp;
+  sinks_.image_refused(toTimeNs(stamp), text);
 }
 
 // Nothing may be thrown out of a callback: it would end the nodelet manager.

@@ -26,8 +26,9 @@ void SilenceWatch::arrived(double now) {
   any_ = true;
   const std::int64_t number = slotOf(now);
   Slot& slot = slots_[static_cast<std::size_t>(number) % slots_.size()];
-  if (slot.number != number) slot = {number, 0, now};
+  if (slot.number != number) slot = {number, 0, now, 0};
   ++slot.messages;
+  if (now == slot.first) ++slot.first_burst;
 }
 
 double SilenceWatch::silentFor(double now) const {
@@ -48,17 +49,19 @@ double SilenceWatch::rate(double now) const {
   const std::lock_guard<std::mutex> lock(mutex_);
   const std::int64_t oldest = slotOf(now) - static_cast<std::int64_t>(slots_.size()) + 1;
   int messages = 0;
-  double first = now;
+  const Slot* first = nullptr;
   for (const Slot& slot : slots_) {
     if (slot.number < oldest || slot.messages == 0) continue;
     messages += slot.messages;
-    first = std::min(first, slot.first);
+    if (!first || slot.first < first->first) first = &slot;
   }
-  // Between the first and the last, unless the next is overdue.
-  const double span = last_ - first;
-  if (messages < 2 || now - first < kShortestSpan) return 0.0;
-  const double interval = span / (messages - 1);
-  return (messages - 1) / (now - last_ > 2.0 * interval ? now - first : span);
+  // From after the first to the last, unless the next is overdue.
+  if (!first || now - first->first < kShortestSpan) return 0.0;
+  const int after = messages - first->first_burst;
+  const double span = last_ - first->first;
+  if (after < 1) return 0.0;
+  const double burst = span * first->first_burst / after;  // [s] between two
+  return after / (now - last_ > 2.0 * burst ? now - first->first : span);
 }
 
 }  // namespace autocal_vio

@@ -203,7 +203,8 @@ void VioRos::watch() {
     publishWaiting(toTimeNs(ros::Time::now()), *silence);
     log_.warn("silence", *silence);
   }
-  const std::optional<std::string> disagreement = inputs_->disagreement();
+  // While images are refused only the IMU's stamps go on.
+  const std::optional<std::string> disagreement = refusal() ? std::nullopt : inputs_->disagreement();
   if (disagreement) log_.warn("stamps", *disagreement);
   {
     const std::lock_guard<std::mutex> lock(mutex_);
@@ -243,6 +244,13 @@ void VioRos::publishWaiting(TimeNs stamp, const std::string& reason) {
   publishStatus(update);
 }
 
+// Why no image has been used for a while, though they come.
+std::optional<std::string> VioRos::refusal() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (refusal_.empty() || (ros::WallTime::now() - refused_since_).toSec() < kRefusedFor) return std::nullopt;
+  return refusal_;
+}
+
 VioHealth VioRos::health() const {
   VioHealth health;
   health.image_rate = inputs_->imageRate();
@@ -250,11 +258,10 @@ VioHealth VioRos::health() const {
   health.expected_imu_rate = parameters_.rig.imu_noise.update_rate;
   health.images_skipped = inputs_->imagesSkipped();
   health.input_problem = inputs_->silence();
+  if (!health.input_problem) health.input_problem = refusal();
   if (!health.input_problem) health.input_problem = inputs_->disagreement();
   health.outputs = outputs_.health();
   const std::lock_guard<std::mutex> lock(mutex_);
-  const bool refusing = !refusal_.empty() && (ros::WallTime::now() - refused_since_).toSec() > kRefusedFor;
-  if (!health.input_problem && refusing) health.input_problem = refusal_;
   health.status = last_status_;
   return health;
 }

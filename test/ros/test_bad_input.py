@@ -116,7 +116,29 @@ class BadInput(unittest.TestCase):
         self.sensors.images = True
         self.assert_alive()
 
-    def test_8_all_numbers_are_finite(self):
+    # As from a USB camera with a pixel format that nobody has told: the user must not look at a silent topic.
+    def test_8_a_camera_of_which_every_image_is_refused(self):
+        self.sensors.images = False
+        rospy.sleep(0.3)
+        self.statuses.clear()
+        self.diagnostics.clear()
+        for expected, bad in (('yuv422', {'encoding': 'yuv422'}), ('is 640x480 pixels', {'width': 640, 'height': 480})):
+            for _ in range(60):
+                self.sensors.image_publisher.publish(image_message(rospy.Time.now(), **bad))
+                rospy.sleep(0.05)
+            told = [s for s in self.statuses.messages() if expected in s.reason]
+            self.assertGreater(len(told), 40, 'status at image rate')
+            self.assertGreater(told[-1].images_dropped, told[0].images_dropped + 40)
+            self.assertTrue(all('752x480' in s.reason for s in told if 'pixels' in s.reason))
+            self.assertIsNotNone(self.diagnostics.wait(lambda d, text=expected: any(
+                text in s.message and s.level == 2 and s.name.endswith('inputs') for s in d.status)), expected)
+        self.sensors.images = True
+        self.assert_alive()
+        self.diagnostics.clear()
+        self.assertIsNotNone(self.diagnostics.wait(lambda d: any(
+            s.level < 2 and s.name.endswith('inputs') for s in d.status)), 'still at fault')
+
+    def test_9_all_numbers_are_finite(self):
         for status in self.statuses.messages():
             values = list(status.T_imu_cam_covariance) + list(status.sigma_rotation) + list(status.sigma_translation)
             values += [status.time_offset, status.sigma_time_offset, status.scale, status.sigma_scale]

@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 """Every service while the estimate runs, at 20 images and 200 IMU samples a second."""
+import os
 import pathlib
 import tempfile
 import threading
@@ -134,6 +135,35 @@ class LiveServices(unittest.TestCase):
         self.assertFalse(answer.success)
         self.assertIn('/proc/nowhere', answer.message)
         self.assertIn('cannot be read', self.save(urdf_path=str(old), urdf_source='/nowhere.urdf').message)
+
+    def test_4b_special_files_and_swapped_links_are_refused(self):
+        answer = self.save(camchain_path='/dev/null')
+        self.assertFalse(answer.success)
+        self.assertIn('no regular file', answer.message)
+        self.assertTrue(pathlib.Path('/dev/null').is_char_device())
+        pipe = self.folder / 'pipe'
+        os.mkfifo(pipe)
+        begin = time.monotonic()
+        self.assertIn('cannot be read', self.save(urdf_path=str(self.folder / 'a.urdf'), urdf_source=str(pipe)).message)
+        self.assertLess(time.monotonic() - begin, 5.0)
+        swapped = self.save(urdf_path=str(self.folder / 'a.urdf'), camera_link='imu0', imu_link='cam0')
+        self.assertFalse(swapped.success)
+        self.assertIn('wrong way round', swapped.message)
+        both = self.save(urdf_path=str(self.folder / 'a.urdf'), camera_link='imu0', imu_link='imu0')
+        self.assertIn('are both imu0', both.message)
+        self.assertFalse((self.folder / 'a.urdf').exists())
+
+    # What one service holds another saves, whether an image has come since or not.
+    def test_4c_between_a_reset_and_the_next_estimate(self):
+        self.assertTrue(self.reset(keep_calibration=True).success)
+        held = self.freeze(rotation=True, translation=True, time_offset=True)
+        self.assertTrue(held.success, held.message)
+        self.assertNotIn('e+', held.message)
+        saved = self.save(camchain_path=str(self.folder / 'kept.yaml'))
+        self.assertTrue(saved.success, saved.message)
+        self.assertTrue(self.freeze(rotation=False, translation=False, time_offset=False).success)
+        self.statuses.clear()
+        self.assertTrue(self.wait_for_state('estimating', 'converged', timeout=45.0), 'no estimate after the reset')
 
     def test_5_all_at_once(self):
         answers, slowest = [], [0.0]

@@ -78,6 +78,38 @@ TEST(Reset, TheOdometryGoesOnFromItsLastPoseAndWithItsCalibrationSooner) {
   }
 }
 
+// The services tell what is known between a reset and the next image, and after the last one of a bag.
+TEST(Reset, WhatIsKnownIsToldBeforeTheNextImage) {
+  const Stream stream = eurocStream(11, 12.0);
+  for (const bool keep : {true, false}) {
+    const auto script = [keep, done = false](double time, VioSystem* system) mutable {
+      if (done || time <= 11.0) return;
+      done = true;
+      ASSERT_TRUE(system->lastUpdate().odometry);
+      const CalibrationEstimate before = system->lastUpdate().calibration;
+      EXPECT_TRUE(system->freeze({true, true, true}));
+      EXPECT_EQ(system->lastUpdate().state, VioState::kFrozen);
+      EXPECT_TRUE(system->freeze({false, false, false}));
+      EXPECT_NE(system->lastUpdate().state, VioState::kFrozen);
+      EXPECT_TRUE(system->calibrationKnown());
+      system->reset(keep);
+      const CalibrationEstimate after = system->lastUpdate().calibration;
+      EXPECT_EQ(system->calibrationKnown(), keep);
+      if (keep) {
+        EXPECT_TRUE(identical(after.T_imu_cam, before.T_imu_cam));
+        EXPECT_LT(after.covariance.diagonal().maxCoeff(), 0.01);
+      } else {
+        EXPECT_TRUE(identical(after.T_imu_cam, Transform()));
+        EXPECT_GE(after.covariance.diagonal().minCoeff(), 1.0);
+        std::string problem;
+        EXPECT_FALSE(system->freeze({true, false, false}, &problem));
+        EXPECT_NE(problem.find("waiting for an image"), std::string::npos) << problem;
+      }
+    };
+    runStream(stream, stream.data().rig.rig, VioOptions(), script);
+  }
+}
+
 TEST(Reset, ManyInARowBeforeThereIsAnEstimateLoseNeitherPoseNorCalibration) {
   const Stream stream = eurocStream(14, kDuration);
   const auto script = [done = 0](double time, VioSystem* system) mutable {

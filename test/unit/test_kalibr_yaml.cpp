@@ -127,6 +127,18 @@ TEST(AtomicFile, ASymbolicLinkStaysOne) {
   EXPECT_EQ(readWholeFile(path), "new");
 }
 
+// A rename would replace the device, and reading a pipe would wait for ever.
+TEST(AtomicFile, SpecialFilesAreRefused) {
+  const TemporaryFolder folder;
+  const std::string pipe = folder.path("pipe");
+  ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
+  const std::optional<std::string> problem = writeFileAtomically(pipe, "new");
+  ASSERT_TRUE(problem);
+  EXPECT_NE(problem->find("no regular file"), std::string::npos) << *problem;
+  EXPECT_TRUE(std::filesystem::is_fifo(pipe));
+  EXPECT_FALSE(readTextFile(pipe));
+}
+
 TEST(AtomicFile, FailureNamesTheReasonAndLeavesNothing) {
   const TemporaryFolder folder;
   const std::optional<std::string> missing = writeFileAtomically(folder.path("no/such/folder/file"), "new");

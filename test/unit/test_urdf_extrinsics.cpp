@@ -103,6 +103,20 @@ struct Listener final : console_bridge::OutputHandler {
 };
 
 // What urdfdom logs is part of the refusal, and the process's own way of logging is as before.
+// As a Windows editor leaves it: no line has another end than before.
+TEST(UrdfExtrinsics, LinesKeepTheirEnds) {
+  const std::string robot =
+      "<robot name='r'>\r\n  <link name='a'/>\r\n  <link name='b'/>\r\n  <joint name='j' type='fixed'>\r\n"
+      "    <parent link='a'/>\r\n    <child link='b'/>\r\n  </joint>\r\n</robot>\r\n";
+  const std::string changed = urdfWithExtrinsics({robot, "robot"}, "a", "b",
+                                                 Transform(Eigen::Quaterniond::Identity(), {0.1, 0.2, 0.3}));
+  EXPECT_NE(changed.find("0.2"), std::string::npos);
+  EXPECT_EQ(std::count(changed.begin(), changed.end(), '\n'),
+            std::count(robot.begin(), robot.end(), '\n') + 1);
+  EXPECT_EQ(std::count(changed.begin(), changed.end(), '\r'),
+            std::count(changed.begin(), changed.end(), '\n'));
+}
+
 TEST(UrdfExtrinsics, SaysWhatUrdfdomSays) {
   const TemporaryFolder folder;
   console_bridge::OutputHandler* const usual = console_bridge::getOutputHandler();

@@ -14,8 +14,9 @@ namespace autocal_vio {
 
 /// Called from the worker's thread. They must not call back into the Worker's run().
 struct WorkerCallbacks {
-  VioSystem::UpdateSink on_update;                     ///< after every image processed
-  std::function<void(TimeNs, const std::string&)> on_refused;  ///< the image of this stamp was refused; says why
+  VioSystem::UpdateSink on_update;  ///< after every image processed
+  std::function<void(TimeNs, const std::string&)>
+      on_refused;                                      ///< the image of this stamp was refused; says why
   std::function<void(const std::string&)> on_failure;  ///< processing threw; says what
 };
 

@@ -19,10 +19,10 @@ namespace autocal_vio {
 class CalibrationServices {
  public:
   struct Hooks {
-    std::function<Worker*()> worker;  ///< null while the system does not stand yet
+    std::function<Worker*()> worker;             ///< null while the system does not stand yet
     std::function<void(const VioUpdate&)> done;  ///< what a request has left; from the worker's thread
-    std::string image_topic;                 ///< written into saved files
-    std::function<std::string()> imu_frame;  ///< links of the URDF where a request names none
+    std::string image_topic;                     ///< written into saved files
+    std::function<std::string()> imu_frame;      ///< links of the URDF where a request names none
     std::function<std::string()> camera_frame;
     std::function<std::optional<UrdfText>()> robot_description;  ///< URDF where a request names none
   };

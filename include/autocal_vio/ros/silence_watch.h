@@ -32,7 +32,8 @@ class SilenceWatch {
   struct Slot {
     std::int64_t number = -1;
     int messages = 0;
-    double first = 0.0;  ///< time of the first [s]
+    double first = 0.0;   ///< time of the first [s]
+    int first_burst = 0;  ///< messages at that time
   };
 
   const std::string what_;   ///< "image" or "IMU message"

@@ -7,6 +7,7 @@
 #include <atomic>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 
 #include "autocal_vio/imu/propagator.h"
@@ -47,6 +48,7 @@ class VioRos {
   void publishStatus(const VioUpdate& update);
   /// The last state once more, with `reason` why there is nothing newer.
   void publishWaiting(TimeNs stamp, const std::string& reason);
+  std::optional<std::string> refusal() const;
   VioHealth health() const;
 
   const std::string name_;
