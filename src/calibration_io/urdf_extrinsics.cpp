@@ -41,6 +41,8 @@ const char* jointTypeName(int type) {
 
 // urdfdom does not say where a file is broken; the XML parser does.
 void checkXml(const UrdfText& urdf) {
+  if (urdf.xml.find_first_not_of(" \t\r\n") == std::string::npos)
+    throw LoadProblems({urdf.source + ": is empty"});
   tinyxml2::XMLDocument document;
   if (document.Parse(urdf.xml.c_str()) != tinyxml2::XML_SUCCESS)
     throw LoadProblems({urdf.source + ":" + std::to_string(document.ErrorLineNum()) + ": is not valid XML"});
@@ -84,6 +86,8 @@ Way findWay(const UrdfText& urdf, const std::string& from_link, const std::strin
   const urdf::LinkConstSharedPtr to = way.model->getLink(to_link);
   if (!from) problems.push_back(urdf.source + ": has no link " + from_link);
   if (!to) problems.push_back(urdf.source + ": has no link " + to_link);
+  if (!problems.empty() && urdf.xml.find("xacro:") != std::string::npos)
+    problems.push_back(urdf.source + ": is a xacro file; expand it first: xacro FILE > robot.urdf");
   if (!problems.empty()) throw LoadProblems(problems);
   way.from = ancestors(from);
   way.to = ancestors(to);

@@ -88,6 +88,10 @@ TEST(UrdfExtrinsics, NamesWhatIsMissing) {
   EXPECT_NE(reasonOf(folder.path("none.urdf"), "imu", "optical").find("cannot be read"), std::string::npos);
   EXPECT_NE(reasonOf(folder.write("a.urdf", "<robot name='a'>\n<link"), "a", "b").find("not valid XML"),
             std::string::npos);
+  EXPECT_NE(reasonOf(folder.write("e.urdf", " \n"), "a", "b").find("is empty"), std::string::npos);
+  const std::string xacro =
+      "<robot name='r' xmlns:xacro='http://ros.org/wiki/xacro'><link name='${a}'/></robot>";
+  EXPECT_NE(reasonOf(folder.write("x.urdf", xacro), "a", "b").find("expand it first"), std::string::npos);
   EXPECT_NE(reasonOf(folder.write("b.urdf", "<sdf/>"), "a", "b").find("expected <robot>"), std::string::npos);
   EXPECT_NE(
       reasonOf(folder.write("c.urdf", "<robot name='c'/>"), "a", "b").find("not a valid robot description"),
