@@ -198,11 +198,14 @@ TEST(ImageFaults, ImagesWithoutAnyTextureAreHarmless) {
     ImageFrame image{std::get<StreamedFrame>(event.message).frame.stamp,
                      cv::Mat(size, CV_8UC1, cv::Scalar(grey))};
     EXPECT_TRUE(system.addImage(image));
-    std::string problem;
-    EXPECT_FALSE(system.addImage({image.stamp + 1000, cv::Mat()}, &problem));
-    EXPECT_NE(problem.find("8-bit grey of 752x480"), std::string::npos) << problem;
-    EXPECT_FALSE(system.addImage({image.stamp + 2000, cv::Mat(size, CV_8UC3, cv::Scalar::all(0))}));
-    EXPECT_FALSE(system.addImage({image.stamp + 3000, cv::Mat(10, 10, CV_8UC1, cv::Scalar(0))}));
+    std::string empty, colour, small;
+    EXPECT_FALSE(system.addImage({image.stamp + 1000, cv::Mat()}, &empty));
+    EXPECT_NE(empty.find("0x0 pixels, the camera's intrinsics are those of 752x480"), std::string::npos)
+        << empty;
+    EXPECT_FALSE(system.addImage({image.stamp + 2000, cv::Mat(size, CV_8UC3, cv::Scalar::all(0))}, &colour));
+    EXPECT_NE(colour.find("not 8-bit grey"), std::string::npos) << colour;
+    EXPECT_FALSE(system.addImage({image.stamp + 3000, cv::Mat(10, 10, CV_8UC1, cv::Scalar(0))}, &small));
+    EXPECT_NE(small.find("is 10x10 pixels"), std::string::npos) << small;
   }
   ASSERT_GT(updates.size(), 100U);
   for (const VioUpdate& update : updates) {
