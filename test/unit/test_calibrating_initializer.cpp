@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cstdio>
 #include <functional>
 #include <optional>
 #include <string>
@@ -225,6 +226,47 @@ TEST(CalibratingInitializer, AScaleThatStaysUnsureIsWaitedForNoLongerThanThePati
   EXPECT_FALSE(run(data, &stubborn).problem);
   EXPECT_TRUE(contains(stubborn.status().reason, "needs 0.1 %")) << stubborn.status().reason;
   EXPECT_LE(stubborn.status().attempts, 6) << "each costs as much as dozens of images: one in 2 s is enough";
+}
+
+// Of five seconds, with the rotation known.
+AttemptInput attemptInput(const FeatureDataset& data) {
+  AttemptInput input{{},
+                     ImuBuffer(60 * kNsPerSecond),
+                     data.rig.rig.imu_noise,
+                     NoiseFactors(),
+                     data.rig.T_imu_cam.rotation,
+                     data.truth.front().bias.gyroscope,
+                     data.rig.td,
+                     std::nullopt,
+                     TimeOffsetPrior(),
+                     false,
+                     false,
+                     false,
+                     0.03,
+                     GraphOptions()};
+  for (const ImuSample& sample : data.imu) input.imu.add(sample);
+  for (std::size_t i = 20; i < 120; i += 4) input.keyframes.push_back(data.frames[i]);
+  return input;
+}
+
+// A reset waits for one that runs.
+TEST(InitializationAttempt, EndsEarlyOnceNobodyWantsItAnyMore) {
+  const FeatureDataset data = simulate(FeatureSimulationOptions::euroc(6), 8.0);
+  InitializationAttempt whole(attemptInput(data), AttemptFindings());
+  ASSERT_TRUE(whole.run()) << whole.findings().reason;
+  InitializationAttempt cancelled(attemptInput(data), AttemptFindings());
+  cancelled.cancel();
+  EXPECT_FALSE(cancelled.run());
+  std::printf("%.1f ms, cancelled at the beginning %.1f ms\n", whole.cpuMs(), cancelled.cpuMs());
+  EXPECT_LT(cancelled.cpuMs(), 0.6 * whole.cpuMs());
+  InitializationAttempt meanwhile(attemptInput(data), AttemptFindings());
+  std::thread canceller([&] {
+    std::this_thread::sleep_for(std::chrono::duration<double, std::milli>(0.3 * whole.cpuMs()));
+    meanwhile.cancel();
+  });
+  const bool solved = meanwhile.run().has_value();
+  canceller.join();
+  EXPECT_FALSE(solved) << "cancelled after a third of it";
 }
 
 }  // namespace
