@@ -62,6 +62,11 @@ urdf::ModelInterfaceSharedPtr parseModel(const UrdfText& urdf) {
   return model;
 }
 
+// An expanded file may keep xacro's namespace, but neither its elements nor its expressions.
+bool isXacro(const std::string& xml) {
+  return xml.find("<xacro:") != std::string::npos || xml.find("${") != std::string::npos;
+}
+
 using Chain = std::vector<urdf::LinkConstSharedPtr>;
 
 // The link and all its ancestors, upwards.
@@ -86,7 +91,7 @@ Way findWay(const UrdfText& urdf, const std::string& from_link, const std::strin
   const urdf::LinkConstSharedPtr to = way.model->getLink(to_link);
   if (!from) problems.push_back(urdf.source + ": has no link " + from_link);
   if (!to) problems.push_back(urdf.source + ": has no link " + to_link);
-  if (!problems.empty() && urdf.xml.find("xacro:") != std::string::npos)
+  if (!problems.empty() && isXacro(urdf.xml))
     problems.push_back(urdf.source + ": is a xacro file; expand it first: xacro FILE > robot.urdf");
   if (!problems.empty()) throw LoadProblems(problems);
   way.from = ancestors(from);

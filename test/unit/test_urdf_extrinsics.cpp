@@ -92,6 +92,9 @@ TEST(UrdfExtrinsics, NamesWhatIsMissing) {
   const std::string xacro =
       "<robot name='r' xmlns:xacro='http://ros.org/wiki/xacro'><link name='${a}'/></robot>";
   EXPECT_NE(reasonOf(folder.write("x.urdf", xacro), "a", "b").find("expand it first"), std::string::npos);
+  const std::string expanded =
+      "<robot name='r' xmlns:xacro='http://ros.org/wiki/xacro'><link name='a'/></robot>";
+  EXPECT_EQ(reasonOf(folder.write("y.urdf", expanded), "a", "b").find("expand it first"), std::string::npos);
   EXPECT_NE(reasonOf(folder.write("b.urdf", "<sdf/>"), "a", "b").find("expected <robot>"), std::string::npos);
   EXPECT_NE(
       reasonOf(folder.write("c.urdf", "<robot name='c'/>"), "a", "b").find("not a valid robot description"),
