@@ -172,7 +172,7 @@ Transform loadUrdfExtrinsics(const std::string& path, const std::string& imu_lin
   return urdfExtrinsics(readUrdfFile(path), imu_link, camera_link);
 }
 
-std::string urdfWithExtrinsics(const UrdfText& urdf, const std::string& imu_link,
+ChangedUrdf urdfWithExtrinsics(const UrdfText& urdf, const std::string& imu_link,
                                const std::string& camera_link, const Transform& T_imu_cam) {
   const Way way = findWay(urdf, imu_link, camera_link);
   if (way.to.empty())
@@ -190,7 +190,7 @@ std::string urdfWithExtrinsics(const UrdfText& urdf, const std::string& imu_link
   const Transform read_back = urdfTransform({*xml, urdf.source}, imu_link, camera_link);
   if (!((read_back.inverse() * T_imu_cam).matrix() - Eigen::Matrix4d::Identity()).isZero(1e-9))
     throw LoadProblems({urdf.source + ": the origin of joint " + joint + " could not be replaced"});
-  return *xml;
+  return {*xml, joint};
 }
 
 }  // namespace autocal_vio

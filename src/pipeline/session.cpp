@@ -22,12 +22,8 @@ GraphOptions graphOptions(const EstimatorOptions& options) {
   return graph;
 }
 
-constexpr double kUnknownSigma = 1e3;   // published where nothing is known
-constexpr double kSuspectSigmas = 2.0;  // of three axes from a prior, where something does not fit anyhow
-constexpr double kContradictionLasts = 0.7;  // [s] until a prior is dropped for it
-constexpr double kBlindRemark = 0.3;         // [s] without usable images before the reason says so
-
-constexpr int kTranslationHalf = 0, kRotationHalf = 3;  // where they begin in [p_BC, theta]
+constexpr double kUnknownSigma = 1e3;  // published where nothing is known
+constexpr double kBlindRemark = 0.3;   // [s] without usable images before the reason says so
 
 // An error of the principal point turns the camera about its x and y axes.
 Matrix6d intrinsicsShare(const RigModel& rig, double focal_length) {
@@ -52,8 +48,7 @@ Session::Session(double focal_length, const RigModel& rig, const VioOptions& opt
       record_(rig, options, focal_length),
       last_pose_(start_pose),
       intrinsics_share_(intrinsicsShare(rig, focal_length)),
-      prior_(rig.extrinsics_prior),
-      given_(prior_ && !prior_->from_session),
+      prior_judge_(rig.extrinsics_prior, intrinsics_share_),
       time_offset_prior_(rig.time_offset_prior) {
   initializer_ = std::make_unique<CalibratingInitializer>(
       focal_length, rig.imu_noise, rig.extrinsics_prior, rig.time_offset_prior, options.initializer,
@@ -71,7 +66,7 @@ bool Session::process(const FeatureFrame& frame, const ImuBuffer& imu, VioUpdate
   const EstimatorResult result = advance(frame, imu);
   if (result.healthy) {
     initializer_->checkHeldRotation(frame, imu);
-    if (prior_problem_.empty()) prior_problem_ = initializer_->priorProblem();
+    if (prior_judge_.problem().empty()) prior_judge_.setProblem(initializer_->priorProblem());
     fillFromEstimator(imu, update);
   } else {
     lose(result, update);
@@ -95,7 +90,7 @@ EstimatorResult Session::advance(const FeatureFrame& frame, const ImuBuffer& imu
 
 void Session::lose(const EstimatorResult& result, VioUpdate* update) {
   calibration_trust_ = result.calibration_trust;
-  if (result.calibration_trust == CalibrationTrust::kWithinABump) blamePrior();
+  if (result.calibration_trust == CalibrationTrust::kWithinABump) prior_judge_.blame(priorEvidence(), held_);
   update->state = VioState::kLost;
   update->reason = result.problem;
   if (last_calibration_) update->calibration = *last_calibration_;
@@ -104,7 +99,7 @@ void Session::lose(const EstimatorResult& result, VioUpdate* update) {
 bool Session::initialize(const FeatureFrame& frame, const ImuBuffer& imu, VioUpdate* update) {
   const StageClock clock;
   std::optional<InitializedProblem> problem = initializer_->addFrame(frame, imu);
-  prior_problem_ = initializer_->priorProblem();
+  prior_judge_.setProblem(initializer_->priorProblem());
   time_offset_problem_ = initializer_->timeOffsetProblem();
   EstimatorResult result;
   if (problem) {
@@ -136,32 +131,21 @@ EstimatorResult Session::catchUp(const std::vector<FeatureFrame>& frames, const 
   return result;
 }
 
-// The estimate may have been started from a wrong prior before the rotation step could tell, and nothing looks at its
-// translation beforehand: the data alone overrule a prior that is far from them, and then it has to go, for it still
-// pulls. The estimate itself is held by the prior, and the tighter a wrong one is the nearer the two are; but however
-// noisy the IMU seems to be where it does not fit, no estimate leaves a right prior by many of its sigmas.
 void Session::checkPrior() {
-  if (!prior_ || !prior_problem_.empty()) return;
-  const Strain rotation = strain(kRotationHalf), translation = strain(kTranslationHalf);
-  const bool rotation_wrong = !held_.rotation && rotation.sigmas() > kContradictionSigmas;
-  const bool translation_wrong = !held_.translation && translation.sigmas() > kContradictionSigmas;
-  if (!contradictionLasts(rotation_wrong || translation_wrong)) return;
-  if (rotation_wrong && !(translation_wrong && translation.sigmas() > rotation.sigmas()))
-    prior_problem_ = rotationPriorProblem(rotation.off, *prior_, false);
-  else
-    prior_problem_ = translationPriorProblem(translation.off, *prior_);
+  if (!prior_judge_.condemns(priorEvidence(), held_, estimator_->newest().stamp)) return;
   estimator_->dropCalibrationPrior();
   record_.forgetSteps();  // those away from the prior
 }
 
-// One image with a wrong stamp throws a young estimate off by decimetres for two keyframes.
-bool Session::contradictionLasts(bool contradicted) {
-  const TimeNs now = estimator_->newest().stamp;
-  if (!contradicted)
-    contradicted_since_.reset();
-  else if (!contradicted_since_)
-    contradicted_since_ = now;
-  return contradicted && toSeconds(now - *contradicted_since_) >= kContradictionLasts;
+PriorEvidence Session::priorEvidence() const {
+  PriorEvidence evidence;
+  if (!prior_judge_.prior()) return evidence;
+  evidence.estimate =
+      deviationFrom(prior_judge_.prior()->T_imu_cam, estimator_->graph().calibration().T_BC());
+  evidence.data = record_.dataDeviation();
+  evidence.data_covariance = record_.dataCovariance();
+  evidence.confirmed = record_.knowledge(CalibrationTrust::kConverged).has_value();
+  return evidence;
 }
 
 // As of the extrinsics; only somebody's word has so small a sigma that an estimate could leave it by many of them.
@@ -173,54 +157,8 @@ void Session::checkTimeOffsetPrior() {
   estimator_->dropTimeOffsetPrior();
 }
 
-// How far half of the extrinsics is from what was given beforehand: as estimated, and as the data alone say.
-Session::Strain Session::strain(int first) const {
-  const bool rotation = first == kRotationHalf;
-  const double sigma = rotation ? prior_->sigma_rotation : prior_->sigma_translation;
-  const double observable = rotation ? kObservableRotation : kObservableTranslation;
-  const Matrix6d covariance = record_.dataCovariance() + intrinsics_share_;
-  const Eigen::Matrix3d P = covariance.block<3, 3>(first, first);
-  const Eigen::Vector3d of_estimate =
-      deviationFrom(prior_->T_imu_cam, estimator_->graph().calibration().T_BC()).segment<3>(first);
-  const Eigen::Vector3d of_data = record_.dataDeviation().segment<3>(first);
-  const Eigen::Array3d variance = intrinsics_share_.diagonal().segment<3>(first).array() + sigma * sigma;
-  Strain result;
-  result.of_estimate = (of_estimate.array() / variance.sqrt()).matrix().norm();
-  result.of_data = sigmasOff(of_data, P, sigma, observable);
-  if (result.of_data > result.of_estimate) {
-    const Eigen::Vector3d known = knownPart(of_data, P, observable);
-    result.off = {known.norm(), known.norm() < 0.99 * of_data.norm()};
-  } else {
-    result.off = {of_estimate.norm(), true};  // the prior still holds the estimate back
-  }
-  return result;
-}
-
-// Images and IMU contradict each other: what was given beforehand, and has not been confirmed, is to blame where the estimate
-// strains at it.
-void Session::blamePrior() {
-  if (!prior_ || prior_->from_session || !prior_problem_.empty() ||
-      record_.knowledge(CalibrationTrust::kConverged))
-    return;
-  const Strain rotation = strain(kRotationHalf), translation = strain(kTranslationHalf);
-  if (!held_.rotation && rotation.of_estimate > kSuspectSigmas &&
-      rotation.of_estimate > translation.of_estimate)
-    prior_problem_ = rotationPriorProblem(rotation.off, *prior_, false);
-  else if (!held_.translation && translation.of_estimate > kSuspectSigmas)
-    prior_problem_ = translationPriorProblem(translation.off, *prior_);
-}
-
-// Before anything has converged a moved mount is one that is not where the user said that it was.
 void Session::noteMovedMount() {
-  if (prior_ && !prior_->from_session && prior_problem_.empty() &&
-      !record_.knowledge(CalibrationTrust::kConverged)) {
-    const Eigen::Matrix<double, 6, 1> off =
-        deviationFrom(prior_->T_imu_cam, estimator_->graph().calibration().T_BC());
-    prior_problem_ = strain(kRotationHalf).of_estimate > strain(kTranslationHalf).of_estimate
-                         ? rotationPriorProblem({off.tail<3>().norm(), false}, *prior_, false)
-                         : translationPriorProblem({off.head<3>().norm(), false}, *prior_);
-  }
-  prior_.reset();
+  prior_judge_.noteMovedMount(priorEvidence());
   record_.noteMovedMount();
 }
 

@@ -138,9 +138,9 @@ bool CalibrationServices::save(SaveCalibration::Request& request, SaveCalibratio
     return true;
   }
   std::string written, problems;
-  const auto note = [&](const std::string& path, const std::optional<std::string>& problem) {
+  const auto note = [&](const std::string& file, const std::optional<std::string>& problem) {
     std::string& text = problem ? problems : written;
-    text += (text.empty() ? "" : problem ? "; " : ", ") + (problem ? *problem : path);
+    text += (text.empty() ? "" : problem ? "; " : ", ") + (problem ? *problem : file);
   };
   for (std::string* path : {&request.camchain_path, &request.urdf_path, &request.urdf_source})
     if (!path->empty()) *path = absolutePath(*path);
@@ -149,7 +149,9 @@ bool CalibrationServices::save(SaveCalibration::Request& request, SaveCalibratio
          writeKalibrCamchain(request.camchain_path, toCamchain(*snapshot, hooks_.image_topic)));
   }
   if (!request.urdf_path.empty()) {
-    note(request.urdf_path, saveUrdf(request, snapshot->calibration.T_imu_cam));
+    std::string joint;
+    const std::optional<std::string> problem = saveUrdf(request, snapshot->calibration.T_imu_cam, &joint);
+    note(request.urdf_path + " (origin of joint " + joint + ")", problem);
   }
   response.success = problems.empty();
   if (!written.empty()) response.message = "written: " + written;
@@ -162,7 +164,8 @@ bool CalibrationServices::save(SaveCalibration::Request& request, SaveCalibratio
 }
 
 std::optional<std::string> CalibrationServices::saveUrdf(const SaveCalibration::Request& request,
-                                                         const Transform& T_imu_cam) const {
+                                                         const Transform& T_imu_cam,
+                                                         std::string* joint) const {
   try {
     const std::optional<UrdfText> source = request.urdf_source.empty()
                                                ? hooks_.robot_description()
@@ -175,7 +178,9 @@ std::optional<std::string> CalibrationServices::saveUrdf(const SaveCalibration::
     if (camera == hooks_.imu_frame() || imu == hooks_.camera_frame())
       return request.urdf_path + " was not written: camera_link and imu_link are the wrong way round, " +
              camera + " is the IMU's frame or " + imu + " the camera's";
-    return writeFileAtomically(request.urdf_path, urdfWithExtrinsics(*source, imu, camera, T_imu_cam));
+    const ChangedUrdf changed = urdfWithExtrinsics(*source, imu, camera, T_imu_cam);
+    *joint = changed.joint;
+    return writeFileAtomically(request.urdf_path, changed.xml);
   } catch (const LoadProblems& error) {
     return request.urdf_path + " was not written: " + error.oneLine() +
            " (the request's camera_link and imu_link name the links)";

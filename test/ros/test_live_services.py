@@ -107,7 +107,7 @@ class LiveServices(unittest.TestCase):
         answer = self.save(camchain_path=str(camchain), urdf_path=str(urdf))
         self.assertTrue(answer.success, answer.message)
         self.assertIn(str(camchain), answer.message)
-        self.assertIn(str(urdf), answer.message)
+        self.assertIn('%s (origin of joint camera_joint)' % urdf, answer.message)
         written = yaml.safe_load(camchain.read_text())['cam0']
         self.assertLess(numpy.abs(numpy.array(written['T_cam_imu']) - numpy.linalg.inv(T_imu_cam)).max(), 1e-9)
         self.assertEqual(written['timeshift_cam_imu'], self.statuses.last().time_offset)

@@ -109,14 +109,14 @@ struct Listener final : console_bridge::OutputHandler {
   std::vector<std::string> heard;
 };
 
-// What urdfdom logs is part of the refusal, and the process's own way of logging is as before.
 // As a Windows editor leaves it: no line has another end than before.
 TEST(UrdfExtrinsics, LinesKeepTheirEnds) {
   const std::string robot =
       "<robot name='r'>\r\n  <link name='a'/>\r\n  <link name='b'/>\r\n  <joint name='j' type='fixed'>\r\n"
       "    <parent link='a'/>\r\n    <child link='b'/>\r\n  </joint>\r\n</robot>\r\n";
   const std::string changed = urdfWithExtrinsics({robot, "robot"}, "a", "b",
-                                                 Transform(Eigen::Quaterniond::Identity(), {0.1, 0.2, 0.3}));
+                                                 Transform(Eigen::Quaterniond::Identity(), {0.1, 0.2, 0.3}))
+                                  .xml;
   EXPECT_NE(changed.find("0.2"), std::string::npos);
   EXPECT_EQ(std::count(changed.begin(), changed.end(), '\n'),
             std::count(robot.begin(), robot.end(), '\n') + 1);
@@ -124,6 +124,7 @@ TEST(UrdfExtrinsics, LinesKeepTheirEnds) {
             std::count(changed.begin(), changed.end(), '\n'));
 }
 
+// What urdfdom logs is part of the refusal, and the process's own way of logging is as before.
 TEST(UrdfExtrinsics, SaysWhatUrdfdomSays) {
   const TemporaryFolder folder;
   console_bridge::OutputHandler* const usual = console_bridge::getOutputHandler();
@@ -179,10 +180,11 @@ TEST(UrdfExtrinsics, KnowsItsLinks) {
 // The mount's joint is changed, not the one that turns to the optical frame.
 TEST(UrdfWriting, ChangesTheOriginOfTheCamerasJointAlone) {
   const Transform T_imu_cam(expSo3(Eigen::Vector3d(0.3, -1.2, 2.0)), Eigen::Vector3d(0.1, -0.2, 0.05));
-  const std::string written = urdfWithExtrinsics({kRobot, "robot"}, "imu", "optical", T_imu_cam);
+  const std::string written = urdfWithExtrinsics({kRobot, "robot"}, "imu", "optical", T_imu_cam).xml;
   EXPECT_LT(distance(urdfTransform({written, "written"}, "imu", "optical"), T_imu_cam), 1e-10);
   const std::vector<std::string> lines = changedLines(kRobot, written);
   ASSERT_EQ(lines.size(), 1u);
+  EXPECT_EQ(urdfWithExtrinsics({kRobot, "robot"}, "imu", "optical", T_imu_cam).joint, "camera_joint");
   EXPECT_EQ(lines[0].rfind("    <parent link=\"mast\"/> <child link=\"camera\"/> <origin xyz=\"", 0), 0u)
       << lines[0];
   // The other links have not moved.
@@ -191,14 +193,14 @@ TEST(UrdfWriting, ChangesTheOriginOfTheCamerasJointAlone) {
             1e-15);
   // And back again.
   const Transform before = urdfTransform({kRobot, "robot"}, "imu", "optical");
-  const std::string back = urdfWithExtrinsics({written, "written"}, "imu", "optical", before);
+  const std::string back = urdfWithExtrinsics({written, "written"}, "imu", "optical", before).xml;
   EXPECT_LT(distance(urdfTransform({back, "back"}, "imu", "optical"), before), 1e-10);
 }
 
 TEST(UrdfWriting, LooksStraightDown) {  // where yaw and roll of the joint turn about the same axis
   const Transform T_imu_cam(expSo3(Eigen::Vector3d(0.0, M_PI / 2, 0.0)), Eigen::Vector3d(0.1, 0.0, 0.0));
   for (const char* camera : {"optical", "camera", "mast"}) {
-    const std::string written = urdfWithExtrinsics({kRobot, "robot"}, "imu", camera, T_imu_cam);
+    const std::string written = urdfWithExtrinsics({kRobot, "robot"}, "imu", camera, T_imu_cam).xml;
     EXPECT_LT(distance(urdfTransform({written, "written"}, "imu", camera), T_imu_cam), 1e-10) << camera;
   }
 }
@@ -208,7 +210,7 @@ TEST(UrdfWriting, AnOpticalJointWithNothingAboveItIsTheCamerasJoint) {
 <joint name='mount' type='fixed'><parent link='imu'/><child link='optical'/>
 <origin rpy='-1.5707963267948966 0 -1.5707963267948966'/></joint></robot>)";
   const Transform T_imu_cam(expSo3(Eigen::Vector3d(0.1, 0.2, 0.3)), Eigen::Vector3d(1.0, 2.0, 3.0));
-  const std::string written = urdfWithExtrinsics({robot, "robot"}, "imu", "optical", T_imu_cam);
+  const std::string written = urdfWithExtrinsics({robot, "robot"}, "imu", "optical", T_imu_cam).xml;
   EXPECT_LT(distance(urdfTransform({written, "written"}, "imu", "optical"), T_imu_cam), 1e-10);
 }
 

@@ -30,11 +30,16 @@ Transform urdfExtrinsics(const UrdfText& urdf, const std::string& imu_link, cons
 Transform loadUrdfExtrinsics(const std::string& path, const std::string& imu_link,
                              const std::string& camera_link);
 
+struct ChangedUrdf {
+  std::string xml;
+  std::string joint;  ///< whose origin was changed
+};
+
 /// The description with the origin of one joint replaced, so that its T_imu_cam is the given one; all else stays as it
 /// is, byte for byte. The joint is the one next to the camera's link on its way to the IMU; a joint that only turns a
 /// camera's body frame to its optical frame (no translation, rpy of -90 0 -90 deg) is a convention and stays, if there
 /// is another one above it. Throws LoadProblems as urdfTransform does, and where the camera carries the IMU.
-std::string urdfWithExtrinsics(const UrdfText& urdf, const std::string& imu_link,
+ChangedUrdf urdfWithExtrinsics(const UrdfText& urdf, const std::string& imu_link,
                                const std::string& camera_link, const Transform& T_imu_cam);
 
 }  // namespace autocal_vio

@@ -1,7 +1,6 @@
 // One run of calibration and estimation, from nothing or a prior until it is lost or reset.
 #pragma once
 
-#include <algorithm>
 #include <memory>
 #include <optional>
 #include <set>
@@ -10,6 +9,7 @@
 #include "autocal_vio/estimator/sliding_window_estimator.h"
 #include "autocal_vio/initializer/calibrating_initializer.h"
 #include "autocal_vio/pipeline/calibration_record.h"
+#include "autocal_vio/pipeline/prior_judge.h"
 #include "autocal_vio/pipeline/vio_options.h"
 #include "autocal_vio/pipeline/vio_update.h"
 #include "autocal_vio/rig/rig_model.h"
@@ -48,13 +48,13 @@ class Session {
   /// The extrinsics while any part of them is held: they stay, to the bit, whatever becomes of the rest.
   std::optional<ExtrinsicsPrior> heldExtrinsics() const;
   /// What the data have found wrong with the extrinsics that the session began with, in words; empty: nothing.
-  const std::string& priorProblem() const { return prior_problem_; }
+  const std::string& priorProblem() const { return prior_judge_.problem(); }
   /// The same of the time offset that it began with, which is not used any more then.
   const std::string& timeOffsetProblem() const { return time_offset_problem_; }
   /// True once they are no longer used for it.
-  bool priorContradicted() const { return !prior_problem_.empty() && !areExtrinsicsHeld(); }
+  bool priorContradicted() const { return !prior_judge_.problem().empty() && !areExtrinsicsHeld(); }
   /// True where they were the user's, not those of a session before.
-  bool priorGiven() const { return given_; }
+  bool priorGiven() const { return prior_judge_.given(); }
   /// True where the camera has moved on its mount, or the data say that it may have: what was known holds to within a bump.
   bool mountMayHaveMoved() const {
     return record_.mountMoved() || calibration_trust_ == CalibrationTrust::kWithinABump;
@@ -68,24 +68,14 @@ class Session {
 
  private:
   bool areExtrinsicsHeld() const { return held_.rotation || held_.translation; }
-  /// From what was given beforehand, of three axes together.
-  struct Strain {
-    double of_estimate = 0.0, of_data = 0.0;  ///< [sigmas]
-    PriorDeviation off;                       ///< by the one with more sigmas
-
-    double sigmas() const { return std::max(of_estimate, of_data); }
-  };
-
   bool initialize(const FeatureFrame& frame, const ImuBuffer& imu, VioUpdate* update);
   EstimatorResult advance(const FeatureFrame& frame, const ImuBuffer& imu);
   EstimatorResult catchUp(const std::vector<FeatureFrame>& frames, const ImuBuffer& imu);
   void startEstimator(InitializedProblem problem, TimeNs stamp);
   void continueFromLastPose();
   void checkPrior();
-  bool contradictionLasts(bool contradicted);
   void checkTimeOffsetPrior();
-  Strain strain(int first) const;
-  void blamePrior();
+  PriorEvidence priorEvidence() const;
   void noteMovedMount();
   void lose(const EstimatorResult& result, VioUpdate* update);
   void fillFromInitializer(VioUpdate* update) const;
@@ -106,12 +96,9 @@ class Session {
   Matrix6d intrinsics_share_;  ///< what is published adds this: of the intrinsics' own error
   std::optional<CalibrationEstimate> last_calibration_;  ///< of the last sound estimate
   CalibrationTrust calibration_trust_ = CalibrationTrust::kAll;
-  std::optional<ExtrinsicsPrior> prior_;      ///< as given
-  bool given_;                                ///< it is the user's word
-  std::string prior_problem_;                 ///< what is wrong with it, in words
-  std::optional<TimeNs> contradicted_since_;  ///< by the estimate
-  TimeOffsetPrior time_offset_prior_;         ///< as given
-  std::string time_offset_problem_;           ///< what is wrong with it, in words
+  PriorJudge prior_judge_;
+  TimeOffsetPrior time_offset_prior_;  ///< as given
+  std::string time_offset_problem_;    ///< what is wrong with it, in words
   FreezeSelection held_;
 };
 

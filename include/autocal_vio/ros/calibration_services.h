@@ -34,9 +34,9 @@ class CalibrationServices {
   bool reset(Reset::Request& request, Reset::Response& response);
   bool freeze(FreezeExtrinsics::Request& request, FreezeExtrinsics::Response& response);
   bool save(SaveCalibration::Request& request, SaveCalibration::Response& response);
-  /// Why it was not written; nothing on success.
-  std::optional<std::string> saveUrdf(const SaveCalibration::Request& request,
-                                      const Transform& T_imu_cam) const;
+  /// Why it was not written; nothing on success, with the name of the joint that has changed.
+  std::optional<std::string> saveUrdf(const SaveCalibration::Request& request, const Transform& T_imu_cam,
+                                      std::string* joint) const;
 
   const Hooks hooks_;
   ros::ServiceServer reset_server_;
