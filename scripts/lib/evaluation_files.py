@@ -102,9 +102,24 @@ def matrix_of(path, key, value):
         T = np.array(value, float).reshape(4, 4)
     except (TypeError, ValueError) as error:
         raise BadFile(path, None, '%s is no 4x4 matrix' % key) from error
+    if not np.isfinite(T).all():
+        raise BadFile(path, None, '%s is not finite' % key)
     if np.abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)).max() > 1e-3 or np.linalg.det(T[:3, :3]) < 0:
         raise BadFile(path, None, 'the upper left 3x3 block of %s is no rotation' % key)
+    if np.abs(T[3] - [0, 0, 0, 1]).max() > 1e-9:
+        raise BadFile(path, None, 'the last row of %s is not 0 0 0 1' % key)
     return T
+
+
+def time_offset_of(path, camera):
+    value = camera.get('timeshift_cam_imu', 0.0)
+    try:
+        td = float(value)
+    except (TypeError, ValueError) as error:
+        raise BadFile(path, None, 'timeshift_cam_imu is no number') from error
+    if not np.isfinite(td):
+        raise BadFile(path, None, 'timeshift_cam_imu is not finite')
+    return td
 
 
 def read_extrinsics_truth(path):
@@ -120,12 +135,15 @@ def read_extrinsics_truth(path):
     if not isinstance(data, dict):
         raise BadFile(path, None, 'is no YAML map of keys and values')
     camera = data.get('cam0', data)
+    if not isinstance(camera, dict):
+        raise BadFile(path, None, 'cam0 is no map of keys and values')
     if 'T_BS' in data:
-        T = matrix_of(path, 'T_BS', (data['T_BS'] or {}).get('data'))
+        T_BS = data['T_BS']
+        T = matrix_of(path, 'T_BS', T_BS.get('data') if isinstance(T_BS, dict) else T_BS)
     elif 'T_imu_cam' in camera:
         T = matrix_of(path, 'T_imu_cam', camera['T_imu_cam'])
     elif 'T_cam_imu' in camera:
         T = np.linalg.inv(matrix_of(path, 'T_cam_imu', camera['T_cam_imu']))
     else:
         raise BadFile(path, None, 'has neither T_BS (EuRoC) nor T_cam_imu (Kalibr) nor T_imu_cam')
-    return T[:3, 3], quaternion_from_matrix(T[:3, :3]), float(camera.get('timeshift_cam_imu', 0.0))
+    return T[:3, 3], quaternion_from_matrix(T[:3, :3]), time_offset_of(path, camera)

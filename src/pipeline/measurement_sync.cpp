@@ -25,14 +25,11 @@ MeasurementSync::MeasurementSync() : imu_(kImuHorizon) {}
 MeasurementSync::ImuVerdict MeasurementSync::addImu(const ImuSample& sample) {
   if (!isUsable(sample)) return ImuVerdict::kNotFinite;
   if (!imu_.empty() && sample.stamp < imu_.newest() - kJump) return ImuVerdict::kTimeJumpedBack;
-  switch (imu_.add(sample)) {
-    case ImuBuffer::AddResult::kAdded:
-      return ImuVerdict::kAdded;
-    case ImuBuffer::AddResult::kNotFinite:
-      return ImuVerdict::kNotFinite;
-    default:
-      return ImuVerdict::kOutOfOrder;
-  }
+  const ImuGlitchFilter::Passed passed = glitch_filter_.add(sample);
+  ImuVerdict verdict = passed.left_out ? ImuVerdict::kGlitchLeftOut : ImuVerdict::kAdded;
+  for (const ImuSample& usable : passed.samples)
+    if (imu_.add(usable) != ImuBuffer::AddResult::kAdded) verdict = ImuVerdict::kOutOfOrder;
+  return verdict;
 }
 
 MeasurementSync::FrameVerdict MeasurementSync::addFrame(PendingFrame frame, bool* dropped) {
@@ -64,6 +61,7 @@ std::optional<PendingFrame> MeasurementSync::pop(double td, int* dropped) {
 
 void MeasurementSync::clear() {
   imu_.clear();
+  glitch_filter_.clear();
   frames_.clear();
   has_frame_ = false;
 }

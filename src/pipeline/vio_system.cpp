@@ -61,6 +61,9 @@ class VioSystem::Impl {
     switch (sync_.addImu(sample)) {
       case MeasurementSync::ImuVerdict::kAdded:
         break;
+      case MeasurementSync::ImuVerdict::kGlitchLeftOut:
+        ++counters_.imu_not_finite;
+        break;
       case MeasurementSync::ImuVerdict::kNotFinite:
         ++counters_.imu_not_finite;
         return;

@@ -60,7 +60,7 @@ KalibrCamchain toCamchain(const Snapshot& snapshot, const std::string& image_top
 std::string absolutePath(const std::string& path) {
   std::error_code error;
   const char* const home = std::getenv("HOME");
-  const bool from_home = home && path.rfind("~/", 0) == 0;
+  const bool from_home = home && (path == "~" || path.rfind("~/", 0) == 0);
   const std::filesystem::path whole =
       std::filesystem::absolute(from_home ? home + path.substr(1) : path, error);
   return error ? path : whole.lexically_normal().string();
@@ -144,6 +144,11 @@ bool CalibrationServices::save(SaveCalibration::Request& request, SaveCalibratio
   };
   for (std::string* path : {&request.camchain_path, &request.urdf_path, &request.urdf_source})
     if (!path->empty()) *path = absolutePath(*path);
+  if (request.camchain_path == request.urdf_path) {
+    response.success = false;
+    response.message = "camchain_path and urdf_path are the same file, " + request.urdf_path;
+    return true;
+  }
   if (!request.camchain_path.empty()) {
     note(request.camchain_path,
          writeKalibrCamchain(request.camchain_path, toCamchain(*snapshot, hooks_.image_topic)));

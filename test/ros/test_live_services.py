@@ -146,6 +146,14 @@ class LiveServices(unittest.TestCase):
         begin = time.monotonic()
         self.assertIn('cannot be read', self.save(urdf_path=str(self.folder / 'a.urdf'), urdf_source=str(pipe)).message)
         self.assertLess(time.monotonic() - begin, 5.0)
+        camchain = self.folder / 'kept.yaml'
+        self.assertTrue(self.save(camchain_path=str(camchain)).success)
+        before = camchain.read_text()
+        same = self.save(camchain_path=str(camchain), urdf_path='%s/./%s' % (camchain.parent, camchain.name))
+        self.assertFalse(same.success, same.message)
+        self.assertIn('same file', same.message)
+        self.assertEqual(camchain.read_text(), before)
+        self.assertFalse(self.save(camchain_path='~').success)  # a folder
         swapped = self.save(urdf_path=str(self.folder / 'a.urdf'), camera_link='imu0', imu_link='cam0')
         self.assertFalse(swapped.success)
         self.assertIn('wrong way round', swapped.message)

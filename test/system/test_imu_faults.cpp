@@ -57,6 +57,39 @@ TEST(ImuFaults, DisorderAndDuplicatesChangeNothing) {
   EXPECT_EQ(run.last().update.counters.resets, 0U);
 }
 
+// Each of them alone once made the odometry run away by metres, or lost it.
+TEST(ImuFaults, OneWrongSampleNowAndThenIsLeftOut) {
+  for (std::uint64_t seed = 1; seed <= 2; ++seed) {
+    Stream stream = eurocStream(seed, 24.0);
+    std::uint64_t wrong = 0;
+    double next = 1.0;
+    for (StreamEvent& event : stream.events()) {
+      if (!event.isImu() || event.time < next) continue;
+      next += 1.7;
+      switch (wrong++ % 3) {
+        case 0:
+          event.imu().angular_velocity(static_cast<int>(wrong / 3) % 3) += 10.0;
+          break;
+        case 1:
+          event.imu().acceleration(static_cast<int>(wrong / 3) % 3) -= 100.0;
+          break;
+        default:
+          event.imu().stamp += 400000000;
+      }
+    }
+    const FaultRun run = runStream(stream, stream.data().rig.rig, VioOptions());
+    ASSERT_TRUE(run.firstFrom(0.0, true)) << run.last().update.reason;
+    const FaultRecord& first = *run.firstFrom(0.0, true);
+    EXPECT_LT(first.time, 8.0);
+    EXPECT_FALSE(run.firstFrom(first.time, false)) << "an image without odometry";
+    EXPECT_EQ(run.last().update.counters.resets, 0U);
+    EXPECT_GT(wrong, 12U);
+    EXPECT_EQ(run.last().update.counters.imu_not_finite, wrong);
+    EXPECT_LT(driftBetween(first, run.last()), 0.1);
+    expectCalibrated(run, stream.data(), 0.1, 0.01);
+  }
+}
+
 TEST(ImuFaults, GapOfThreeTenthsIsBridged) {
   for (std::uint64_t seed = 1; seed <= 2; ++seed) {
     Stream stream = eurocStream(seed, 18.0);

@@ -115,6 +115,20 @@ class Evaluate(unittest.TestCase):
         self.assertIn('no rotation', self.refusal(self.write_results(), '--extrinsics-truth',
                                                   self.write('d.yaml', SENSOR.replace('-1,', '1,'))))
 
+    def test_wrong_extrinsics_are_named(self):
+        results, eye = self.write_results(), '[[1,0,0,%s],[0,1,0,0],[0,0,%s,0],[%s,0,0,1]]'
+        for text, reason in (('cam0:\n', 'cam0 is no map'), ('cam0: [1]\n', 'cam0 is no map'), ('T_BS: [1, 2, 3]\n', 'T_BS is no 4x4'),
+                             ('T_BS:\n', 'T_BS is no 4x4'),
+                             ('T_cam_imu: ' + eye % ('.nan', 1, 0), 'T_cam_imu is not finite'),
+                             ('T_imu_cam: ' + eye % (0, '.nan', 0), 'T_imu_cam is not finite'),
+                             ('T_imu_cam: ' + eye % (0, 1, 0.1), 'last row of T_imu_cam'),
+                             ('T_imu_cam: %s\ntimeshift_cam_imu: abc\n' % (eye % (0, 1, 0)), 'timeshift_cam_imu is no number'),
+                             ('T_imu_cam: %s\ntimeshift_cam_imu:\n' % (eye % (0, 1, 0)), 'timeshift_cam_imu is no number'),
+                             ('T_imu_cam: %s\ntimeshift_cam_imu: .inf\n' % (eye % (0, 1, 0)), 'timeshift_cam_imu is not finite')):
+            said = self.refusal(results, '--extrinsics-truth', self.write('e.yaml', text))
+            self.assertIn('e.yaml: ', said)
+            self.assertIn(reason, said)
+
     def test_a_hole_in_the_odometry(self):
         """14 s of 20: what is left is 6 s."""
         truth = self.write('long.tum', ''.join('%.3f %.9f %.9f %.9f 0 0 0 1\n' % (1000.0 + t, *position(t))

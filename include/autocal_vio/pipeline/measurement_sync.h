@@ -8,6 +8,7 @@
 
 #include "autocal_vio/frontend/feature.h"
 #include "autocal_vio/imu/imu_buffer.h"
+#include "autocal_vio/imu/imu_glitch_filter.h"
 
 namespace autocal_vio {
 
@@ -22,9 +23,10 @@ class MeasurementSync {
  public:
   MeasurementSync();
 
-  enum class ImuVerdict { kAdded, kNotFinite, kOutOfOrder, kTimeJumpedBack };
+  enum class ImuVerdict { kAdded, kGlitchLeftOut, kNotFinite, kOutOfOrder, kTimeJumpedBack };
   /// A sample more than a second older than the last is a jump of the clock, not mere disorder. Values no sensor can
-  /// give count as not finite.
+  /// give count as not finite. A sample that may be a glitch waits for the next one; kGlitchLeftOut: it was, and this one is
+  /// added.
   ImuVerdict addImu(const ImuSample& sample);
 
   enum class FrameVerdict { kAdded, kOutOfOrder, kTimeJumpedBack };
@@ -41,6 +43,7 @@ class MeasurementSync {
 
  private:
   ImuBuffer imu_;
+  ImuGlitchFilter glitch_filter_;
   std::deque<PendingFrame> frames_;
   TimeNs newest_frame_ = 0;
   bool has_frame_ = false;

@@ -1,0 +1,48 @@
+// Single IMU samples that are wrong: a corrupted value, or a stamp of the future.
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+#include <vector>
+
+#include "autocal_vio/imu/imu_types.h"
+
+namespace autocal_vio {
+
+/// One wrong sample is integrated into everything after it. What is far from the sample before, in value or in time, waits
+/// for the next one, which tells: where that continues from before, the one that waited is left out.
+class ImuGlitchFilter {
+ public:
+  struct Passed {
+    std::vector<ImuSample> samples;  ///< that may be used now, at most two
+    bool left_out = false;           ///< the one that waited was wrong
+  };
+
+  /// The next sample of the stream. A value is far from the one before by 2 rad/s or 20 m/s^2 and ten times what is usual of
+  /// late, a stamp by 50 ms and three times the last interval.
+  Passed add(const ImuSample& sample);
+
+  void clear() { *this = ImuGlitchFilter(); }
+
+ private:
+  /// Of one sensor: how far its readings step from sample to sample.
+  struct Steps {
+    double floor;              ///< smaller ones are never far [rad/s] or [m/s^2]
+    double mean_square = 0.0;  ///< of the last hundred or so
+    bool held_is_far = false;  ///< that of the sample that waits
+
+    bool isFar(double step) const;
+    void learn(double step);
+  };
+
+  bool isFar(const ImuSample& sample);
+  bool returns(const ImuSample& sample) const;
+  void pass(const ImuSample& sample, Passed* passed);
+  void learn(const ImuSample& sample);
+
+  std::optional<ImuSample> last_, held_;
+  TimeNs interval_ = 0;  ///< before the last one
+  Steps gyroscope_{2.0}, accelerometer_{20.0};
+};
+
+}  // namespace autocal_vio
