@@ -41,7 +41,7 @@ class ImuGlitchFilter {
   void learn(const ImuSample& sample);
 
   std::optional<ImuSample> last_, held_;
-  TimeNs interval_ = 0;  ///< before the last one
+  TimeNs interval_ = 0;  ///< between the last two
   Steps gyroscope_{2.0}, accelerometer_{20.0};
 };
 
