@@ -70,6 +70,10 @@ EstimatorResult SlidingWindowEstimator::process(const FeatureFrame& frame, const
   problem = findLoss(frame.stamp);
   if (!problem.empty() || !appendPredictedFrame(frame, imu, noise_.noise(), &graph_, &problem))
     return fail(problem, CalibrationTrust::kAll);
+  if (repeated_image_.look(graph_)) {
+    blindNewest();
+    return result;
+  }
   if (!mountIsAtRest(&result)) return result;
   if (!newest_is_keyframe_) graph_.dropSecondNewest();
   const bool resting = noticesStandstill(frame, imu);
@@ -154,11 +158,7 @@ bool SlidingWindowEstimator::mountIsAtRest(EstimatorResult* result) {
       bump_detector_.look(graph_, toSeconds(newest().stamp - before.stamp), standing());
   if (mount == BumpDetector::Mount::kAtRest) return true;
   if (mount == BumpDetector::Mount::kMoving) {
-    // The last image at rest stays; while standing it is the standing frame.
-    if (before.features.empty() || standing()) graph_.dropSecondNewest();
-    graph_.blindNewest();
-    if (standing_frame_) standing_frame_->hold(&graph_);
-    newest_is_keyframe_ = false;
+    blindNewest();
     return false;
   }
   result->mount_moved = true;
@@ -168,6 +168,15 @@ bool SlidingWindowEstimator::mountIsAtRest(EstimatorResult* result) {
   if (calibration.rotation_held || calibration.translation_held) return true;
   reopenExtrinsicsAt(T_BC, kFitTranslation, kFitRotation);
   return false;
+}
+
+// The newest image is not to be used: the last one that was stays; while standing it is the standing frame.
+void SlidingWindowEstimator::blindNewest() {
+  const FrameState& before = graph_.frames()[graph_.frames().size() - 2];
+  if (before.features.empty() || standing()) graph_.dropSecondNewest();
+  graph_.blindNewest();
+  if (standing_frame_) standing_frame_->hold(&graph_);
+  newest_is_keyframe_ = false;
 }
 
 // What contradicted a wrong prior passed for noise of the IMU: that is no evidence any more.

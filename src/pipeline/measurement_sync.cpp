@@ -1,5 +1,6 @@
 #include "autocal_vio/pipeline/measurement_sync.h"
 
+#include <algorithm>
 #include <utility>
 
 namespace autocal_vio {
@@ -8,6 +9,7 @@ namespace {
 constexpr TimeNs kImuHorizon = 30 * kNsPerSecond;
 constexpr TimeNs kJump = kNsPerSecond;
 constexpr std::size_t kMaxWaiting = 60;
+constexpr double kPatience = 1.5;  // usual intervals of the images, for the next one
 // Beyond any sensor's range: a broken driver or a broken message. One such sample would spoil what it is integrated
 // into.
 constexpr double kLargestRate = 300.0;        // [rad/s]
@@ -33,11 +35,16 @@ MeasurementSync::ImuVerdict MeasurementSync::addImu(const ImuSample& sample) {
 }
 
 MeasurementSync::FrameVerdict MeasurementSync::addFrame(PendingFrame frame, bool* dropped) {
-  *dropped = false;
-  if (has_frame_ && frame.stamp < newest_frame_ - kJump) return FrameVerdict::kTimeJumpedBack;
-  if (has_frame_ && frame.stamp <= newest_frame_) return FrameVerdict::kOutOfOrder;
+  *dropped = refutesLast(frame.stamp);
+  if (*dropped) {
+    frames_.pop_back();
+  } else if (has_frame_ && frame.stamp <= newest_frame_) {
+    return frame.stamp < newest_frame_ - kJump ? FrameVerdict::kTimeJumpedBack : FrameVerdict::kOutOfOrder;
+  }
   newest_frame_ = frame.stamp;
   has_frame_ = true;
+  leap_.add(frame.stamp);
+  imu_at_newest_frame_ = imu_.empty() ? frame.stamp : imu_.newest();
   frames_.push_back(std::move(frame));
   if (frames_.size() > kMaxWaiting) {
     frames_.pop_front();
@@ -50,7 +57,7 @@ std::optional<PendingFrame> MeasurementSync::pop(double td, int* dropped) {
   *dropped = 0;
   while (!frames_.empty() && !imu_.empty()) {
     const TimeNs instant = frames_.front().stamp + fromSeconds(td);
-    if (instant > imu_.newest()) return std::nullopt;
+    if (instant > imu_.newest() || mayBeRefuted(frames_.front())) return std::nullopt;
     PendingFrame frame = std::move(frames_.front());
     frames_.pop_front();
     if (instant >= imu_.oldest()) return frame;
@@ -59,11 +66,22 @@ std::optional<PendingFrame> MeasurementSync::pop(double td, int* dropped) {
   return std::nullopt;
 }
 
+bool MeasurementSync::refutesLast(TimeNs stamp) const {
+  return !frames_.empty() && frames_.back().stamp == newest_frame_ && leap_.isRefutedBy(stamp);
+}
+
+bool MeasurementSync::mayBeRefuted(const PendingFrame& frame) const {
+  if (!leap_.leapt() || frame.stamp != newest_frame_) return false;
+  const TimeNs since = std::max(frame.stamp, imu_at_newest_frame_);
+  return imu_.newest() < since + fromSeconds(kPatience * toSeconds(*leap_.interval()));
+}
+
 void MeasurementSync::clear() {
   imu_.clear();
   glitch_filter_.clear();
   frames_.clear();
   has_frame_ = false;
+  leap_.clear();
 }
 
 }  // namespace autocal_vio

@@ -10,11 +10,11 @@ constexpr int kBelievedAfter = 3;                      // messages that agree wi
 }  // namespace
 
 StampVerdict StampGuard::check(TimeNs stamp) {
+  const bool previous_was_ahead = leap_.isRefutedBy(stamp) && stamp <= *last_;
   const TimeNs step = last_ ? stamp - *last_ : 1;
-  if (step > 0 && step <= kLargestStep) {
-    last_ = stamp;
-    candidate_.reset();
-    return StampVerdict::kAccept;
+  if (previous_was_ahead || (step > 0 && step <= kLargestStep)) {
+    goOnFrom(stamp);
+    return previous_was_ahead ? StampVerdict::kPreviousWasAhead : StampVerdict::kAccept;
   }
   if (step <= 0 && step > -kLargestDisorder) return StampVerdict::kOutOfOrder;
 
@@ -22,9 +22,15 @@ StampVerdict StampGuard::check(TimeNs stamp) {
   candidates_ = agrees ? candidates_ + 1 : 1;
   candidate_ = stamp;
   if (candidates_ < kBelievedAfter) return step > 0 ? StampVerdict::kSuspicious : StampVerdict::kOutOfOrder;
-  last_ = stamp;
-  candidate_.reset();
+  leap_.clear();
+  goOnFrom(stamp);
   return step > 0 ? StampVerdict::kAccept : StampVerdict::kJumpedBack;
+}
+
+void StampGuard::goOnFrom(TimeNs stamp) {
+  last_ = stamp;
+  leap_.add(stamp);
+  candidate_.reset();
 }
 
 void StampGuard::reset() {

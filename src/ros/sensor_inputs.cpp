@@ -201,6 +201,10 @@ bool SensorInputs::judge(StampVerdict verdict, const std::string& topic, const s
   switch (verdict) {
     case StampVerdict::kAccept:
       return true;
+    case StampVerdict::kPreviousWasAhead:
+      log_->warn("leap " + topic, "header.stamp of a message on " + topic + " (frame_id '" + frame_id +
+                                      "') was ahead of the next one's: that message is dropped");
+      return true;
     case StampVerdict::kOutOfOrder:
       log_->warn("order " + topic, "message on " + topic + " (frame_id '" + frame_id +
                                        "') dropped: header.stamp is not newer than the one before");

@@ -85,6 +85,10 @@ bool GuardedSource::accepts(StampGuard* guard, TimeNs stamp, const std::string& 
   switch (guard->check(stamp)) {
     case StampVerdict::kAccept:
       return true;
+    case StampVerdict::kPreviousWasAhead:
+      warn(what, stamp,
+           "lies " + seconds(step) + " behind the one before, which was ahead; that one is skipped");
+      return true;
     case StampVerdict::kOutOfOrder:
       warn(what, stamp, "lies " + seconds(step) + " behind the one before; skipped");
       return false;

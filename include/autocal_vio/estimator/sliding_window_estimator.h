@@ -8,6 +8,7 @@
 #include "autocal_vio/estimator/bump_detector.h"
 #include "autocal_vio/estimator/contradiction_monitor.h"
 #include "autocal_vio/estimator/estimator_options.h"
+#include "autocal_vio/estimator/repeated_image_detector.h"
 #include "autocal_vio/estimator/standing_frame.h"
 #include "autocal_vio/estimator/standstill_detector.h"
 #include "autocal_vio/graph/noise_adaptation.h"
@@ -73,6 +74,7 @@ class SlidingWindowEstimator {
 
  private:
   bool mountIsAtRest(EstimatorResult* result);
+  void blindNewest();
   void reopenExtrinsicsAt(const Transform& T_BC, double sigma_translation, double sigma_rotation);
   EstimatorResult fail(const std::string& problem, CalibrationTrust trust) const;
   bool isKeyframe() const;
@@ -94,6 +96,7 @@ class SlidingWindowEstimator {
   NoiseAdaptation noise_;
   StandstillDetector standstill_;
   std::optional<StandingFrame> standing_frame_;
+  RepeatedImageDetector repeated_image_;
   BumpDetector bump_detector_;
   ContradictionMonitor contradiction_;
   bool newest_is_keyframe_ = true;

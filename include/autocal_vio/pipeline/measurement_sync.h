@@ -9,6 +9,7 @@
 #include "autocal_vio/frontend/feature.h"
 #include "autocal_vio/imu/imu_buffer.h"
 #include "autocal_vio/imu/imu_glitch_filter.h"
+#include "autocal_vio/pipeline/stamp_leap.h"
 
 namespace autocal_vio {
 
@@ -30,11 +31,12 @@ class MeasurementSync {
   ImuVerdict addImu(const ImuSample& sample);
 
   enum class FrameVerdict { kAdded, kOutOfOrder, kTimeJumpedBack };
-  /// Keeps the newest images only; `dropped` says whether an old one had to go.
+  /// Keeps the newest images only; `dropped` says whether one had to go: the oldest, or the last, whose stamp was ahead of its
+  /// time as this one shows.
   FrameVerdict addFrame(PendingFrame frame, bool* dropped);
 
-  /// The oldest waiting image if the IMU covers its stamp + td. Images older than all IMU samples are dropped and
-  /// counted in `dropped`.
+  /// The oldest waiting image if the IMU covers its stamp + td; one whose stamp has leapt waits for the next image, too, as
+  /// long as that may be due. Images older than all IMU samples are dropped and counted in `dropped`.
   std::optional<PendingFrame> pop(double td, int* dropped);
 
   void clear();
@@ -42,11 +44,16 @@ class MeasurementSync {
   const ImuBuffer& imu() const { return imu_; }
 
  private:
+  bool refutesLast(TimeNs stamp) const;
+  bool mayBeRefuted(const PendingFrame& frame) const;
+
   ImuBuffer imu_;
   ImuGlitchFilter glitch_filter_;
   std::deque<PendingFrame> frames_;
   TimeNs newest_frame_ = 0;
   bool has_frame_ = false;
+  StampLeap leap_;
+  TimeNs imu_at_newest_frame_ = 0;  ///< stamp of the newest sample when that frame came
 };
 
 }  // namespace autocal_vio

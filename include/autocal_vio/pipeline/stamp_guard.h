@@ -4,14 +4,16 @@
 #include <optional>
 
 #include "autocal_vio/common/time.h"
+#include "autocal_vio/pipeline/stamp_leap.h"
 
 namespace autocal_vio {
 
 enum class StampVerdict {
   kAccept,
-  kOutOfOrder,  ///< not newer than the last: drop the message
-  kSuspicious,  ///< far ahead of the last and not yet confirmed by others: drop the message
-  kJumpedBack   ///< the clock went back (a bag that loops): start anew with this message
+  kPreviousWasAhead,  ///< accepted; the one before was wrong, and is to be dropped where it still waits
+  kOutOfOrder,        ///< not newer than the last: drop the message
+  kSuspicious,        ///< far ahead of the last and not yet confirmed by others: drop the message
+  kJumpedBack         ///< the clock went back (a bag that loops): start anew with this message
 };
 
 /// One message with a wild stamp is dropped; several in a row that agree with each other are believed.
@@ -24,9 +26,12 @@ class StampGuard {
   std::optional<TimeNs> last() const { return last_; }
 
  private:
+  void goOnFrom(TimeNs stamp);
+
   std::optional<TimeNs> last_;
   std::optional<TimeNs> candidate_;  ///< newest of the messages in a row that disagree with last_
   int candidates_ = 0;
+  StampLeap leap_;
 };
 
 }  // namespace autocal_vio
