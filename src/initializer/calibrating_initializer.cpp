@@ -5,10 +5,16 @@
 #include <sstream>
 #include <utility>
 
+#include "autocal_vio/geometry/so3.h"
+#include "autocal_vio/imu/preintegration.h"
+
 namespace autocal_vio {
 namespace {
 
 constexpr std::size_t kFewestCommonTracks = 12;  // of neighbouring keyframes, or they start anew
+constexpr double kMovedSinceRepeated = 1.0;      // [px] by the gyroscope, while no track has moved at all
+constexpr double kRateAtRest = 0.03;             // [rad/s] less may be what the bias is off
+constexpr double kRateOfBias = 0.2;              // [rad/s] before it is known
 
 // Both in ascending order of track_id.
 std::size_t countCommonTracks(const FeatureFrame& a, const FeatureFrame& b) {
@@ -120,6 +126,7 @@ std::optional<InitializedProblem> CalibratingInitializer::addFrame(const Feature
                                                                    const ImuBuffer& imu) {
   const bool was_known = status_.rotation_known;
   background_ms_ = 0.0;
+  if (isRepeated(frame, imu)) return std::nullopt;
   rotation_calibrator_.addFrame(frame, imu);
   checkPrior();
   checkTimeOffsetPrior();
@@ -215,6 +222,19 @@ void CalibratingInitializer::checkHeldRotation(const FeatureFrame& frame, const 
   if (!hold_rotation_ || rotation_calibrator_.priorChecked()) return;
   rotation_calibrator_.addFrame(frame, imu);
   checkPrior();
+}
+
+// The same image under another stamp: no track has moved, though the gyroscope has turned. What comes again at rest is
+// left to the rest of the chain.
+bool CalibratingInitializer::isRepeated(const FeatureFrame& frame, const ImuBuffer& imu) {
+  const TimeNs shift = fromSeconds(td()), before = std::exchange(last_image_, frame.stamp);
+  if (!unmoved_tracks_.look(frame.features)) return false;
+  std::vector<ImuSample> samples = imu.slice(before + shift, frame.stamp + shift);
+  if (samples.size() < 2) return false;
+  const Preintegration turned(std::move(samples), {gyroscopeBias(), Eigen::Vector3d::Zero()}, noise_);
+  const double angle = logSo3(turned.increment().rotation).norm();
+  const double at_rest = status_.rotation_known ? kRateAtRest : kRateOfBias;
+  return angle > std::max(at_rest * turned.duration(), kMovedSinceRepeated / focal_length_);
 }
 
 bool CalibratingInitializer::isKeyframe(const FeatureFrame& frame) const {

@@ -8,9 +8,9 @@
 #include "autocal_vio/estimator/bump_detector.h"
 #include "autocal_vio/estimator/contradiction_monitor.h"
 #include "autocal_vio/estimator/estimator_options.h"
-#include "autocal_vio/estimator/repeated_image_detector.h"
 #include "autocal_vio/estimator/standing_frame.h"
 #include "autocal_vio/estimator/standstill_detector.h"
+#include "autocal_vio/frontend/unmoved_tracks.h"
 #include "autocal_vio/graph/noise_adaptation.h"
 #include "autocal_vio/graph/visual_inertial_graph.h"
 #include "autocal_vio/imu/imu_buffer.h"
@@ -96,7 +96,7 @@ class SlidingWindowEstimator {
   NoiseAdaptation noise_;
   StandstillDetector standstill_;
   std::optional<StandingFrame> standing_frame_;
-  RepeatedImageDetector repeated_image_;
+  UnmovedTracks unmoved_tracks_;
   BumpDetector bump_detector_;
   ContradictionMonitor contradiction_;
   bool newest_is_keyframe_ = true;

@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "autocal_vio/frontend/unmoved_tracks.h"
 #include "autocal_vio/imu/imu_buffer.h"
 #include "autocal_vio/initializer/initialization_attempt.h"
 #include "autocal_vio/initializer/initializer_options.h"
@@ -87,6 +88,7 @@ class CalibratingInitializer {
   void checkPrior();
   void checkTimeOffsetPrior();
   void dropPrior(const std::string& problem);
+  bool isRepeated(const FeatureFrame& frame, const ImuBuffer& imu);
   bool isKeyframe(const FeatureFrame& frame) const;
   std::string whyChainBreaks(const FeatureFrame& frame, const ImuBuffer& imu) const;
   void addKeyframe(const FeatureFrame& frame, const ImuBuffer& imu);
@@ -109,6 +111,8 @@ class CalibratingInitializer {
   InitializerOptions options_;
   GraphOptions graph_options_;
   RotationCalibrator rotation_calibrator_;
+  UnmovedTracks unmoved_tracks_;
+  TimeNs last_image_ = 0;
   std::deque<FeatureFrame> keyframes_;
   std::string chain_broken_;  ///< why the keyframes had to begin anew, the last time; empty: never
   bool hold_rotation_ = false, hold_translation_ = false;
