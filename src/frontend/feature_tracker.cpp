@@ -45,6 +45,14 @@ double exposureBefore(const cv::Mat& image_before, const std::vector<cv::Point2f
   return ratios[ratios.size() / 2];
 }
 
+// Byte by byte; two images of a real sensor differ in their first row.
+bool isSame(const cv::Mat& a, const cv::Mat& b) {
+  if (a.size() != b.size()) return false;
+  for (int row = 0; row < a.rows; ++row)
+    if (!std::equal(a.ptr(row), a.ptr(row) + a.cols, b.ptr(row))) return false;
+  return true;
+}
+
 }  // namespace
 
 FeatureTracker::FeatureTracker(const CameraModel& camera, const FeatureTrackerOptions& options)
@@ -65,10 +73,12 @@ void FeatureTracker::reset() {
 
 FeatureFrame FeatureTracker::track(TimeNs stamp, const cv::Mat& image,
                                    const std::optional<Eigen::Matrix3d>& R_previous_current) {
-  std::vector<cv::Mat> pyramid = pyramidOf(image);
-  if (!pyramid_.empty() && !tracks_.empty()) trackForward(image, pyramid, R_previous_current);
+  if (pyramid_.empty() || !isSame(image, pyramid_.front())) {
+    std::vector<cv::Mat> pyramid = pyramidOf(image);
+    if (!pyramid_.empty() && !tracks_.empty()) trackForward(image, pyramid, R_previous_current);
+    pyramid_ = std::move(pyramid);
+  }
   addCorners(image);
-  pyramid_ = std::move(pyramid);
 
   FeatureFrame frame;
   frame.stamp = stamp;

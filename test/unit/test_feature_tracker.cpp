@@ -11,6 +11,7 @@
 #include <opencv2/imgproc.hpp>
 #include <set>
 
+#include "autocal_vio/frontend/unmoved_tracks.h"
 #include "autocal_vio/geometry/so3.h"
 #include "autocal_vio/sim/room_renderer.h"
 #include "autocal_vio/sim/simulated_rig.h"
@@ -331,6 +332,29 @@ TEST_F(FeatureTrackerTest, TracksThatOthersGiveUpAreForgotten) {
   EXPECT_GT(kept(first, second), 0.6);
   EXPECT_GT(second.features.size(), first.features.size() - 20) << "corners take their places";
   tracker.drop({-1, 1000000});
+}
+
+// Whatever the gyroscope predicts; a rig at rest is told apart by the noise of its sensor.
+TEST_F(FeatureTrackerTest, TheSameImageAgainLeavesTheTracksWhereTheyAre) {
+  FeatureTracker tracker = makeTracker();
+  UnmovedTracks unmoved;
+  const Eigen::Matrix3d turn = expSo3(Vector3d(0.02, -0.03, 0.01)).toRotationMatrix();
+  int image = 0, again = 0;
+  for (; image < 20; ++image) {
+    const cv::Mat rendered = render(cameraPose(8.0 + 0.05 * image));
+    EXPECT_FALSE(unmoved.look(tracker.track(2 * image * kInterval, rendered, std::nullopt).features))
+        << image;
+    again += unmoved.look(tracker.track((2 * image + 1) * kInterval, rendered, turn).features);
+  }
+  EXPECT_EQ(again, image);
+  // Almost the same image is another one.
+  cv::Mat changed = render(cameraPose(12.0));
+  tracker.track(2 * image * kInterval, changed, std::nullopt);
+  for (int i = 1; i < 5; ++i) {
+    cv::add(changed, noise(1.0, 1.0, i), changed);
+    EXPECT_FALSE(unmoved.look(tracker.track((2 * image + i) * kInterval, changed, std::nullopt).features))
+        << i;
+  }
 }
 
 TEST_F(FeatureTrackerTest, TheSameImagesGiveTheSameBytes) {

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <limits>
+#include <vector>
 
 #include "autocal_vio/pipeline/measurement_sync.h"
 
@@ -63,6 +64,79 @@ TEST(MeasurementSync, TellsDisorderFromAJumpOfTheClock) {
   EXPECT_EQ(sync.addFrame(frameAt(4950 * kMs), &dropped), MeasurementSync::FrameVerdict::kOutOfOrder);
   EXPECT_EQ(sync.addFrame(frameAt(5000 * kMs), &dropped), MeasurementSync::FrameVerdict::kOutOfOrder);
   EXPECT_EQ(sync.addFrame(frameAt(3000 * kMs), &dropped), MeasurementSync::FrameVerdict::kTimeJumpedBack);
+}
+
+// Images every 50 ms up to 500 ms, all taken out; the IMU has come as far.
+void goSteadily(MeasurementSync* sync) {
+  bool dropped = false;
+  int old = 0;
+  for (int t = 0; t <= 500; t += 5) {
+    sync->addImu(imuAt(t * kMs));
+    if (t % 50 == 0) sync->addFrame(frameAt(t * kMs), &dropped);
+    sync->pop(0.0, &old);
+  }
+  ASSERT_EQ(sync->framesWaiting(), 0u);
+}
+
+// The IMU up to `until` [ms], and the stamps of the images that come out meanwhile [ms].
+std::vector<TimeNs> popUntil(MeasurementSync* sync, int until) {
+  int old = 0;
+  std::vector<TimeNs> stamps;
+  for (TimeNs t = sync->imu().newest() + 5 * kMs; t <= until * kMs; t += 5 * kMs) {
+    sync->addImu(imuAt(t));
+    while (const std::optional<PendingFrame> frame = sync->pop(0.0, &old))
+      stamps.push_back(frame->stamp / kMs);
+  }
+  return stamps;
+}
+
+using Stamps = std::vector<TimeNs>;
+
+TEST(MeasurementSync, AnImageOfTheFutureIsDroppedForTheNext) {
+  for (const int ahead : {200, 3000}) {
+    MeasurementSync sync;
+    bool dropped = false;
+    goSteadily(&sync);
+    sync.addFrame(frameAt((550 + ahead) * kMs), &dropped);
+    EXPECT_EQ(popUntil(&sync, 600), Stamps());
+    EXPECT_EQ(sync.addFrame(frameAt(600 * kMs), &dropped), MeasurementSync::FrameVerdict::kAdded);
+    EXPECT_TRUE(dropped);
+    EXPECT_EQ(sync.framesWaiting(), 1u);
+    popUntil(&sync, 645);
+    EXPECT_EQ(sync.addFrame(frameAt(650 * kMs), &dropped), MeasurementSync::FrameVerdict::kAdded);
+    EXPECT_FALSE(dropped);
+    EXPECT_EQ(popUntil(&sync, 655), Stamps({600, 650}));
+  }
+}
+
+// Also where the IMU is there already: the images come late.
+TEST(MeasurementSync, AnImageOfTheFutureWaitsForTheNextEvenIfTheImuCoversIt) {
+  MeasurementSync sync;
+  bool dropped = false;
+  goSteadily(&sync);
+  EXPECT_EQ(popUntil(&sync, 800), Stamps());
+  sync.addFrame(frameAt(750 * kMs), &dropped);
+  EXPECT_EQ(popUntil(&sync, 850), Stamps());
+  sync.addFrame(frameAt(600 * kMs), &dropped);
+  EXPECT_TRUE(dropped);
+  sync.addFrame(frameAt(650 * kMs), &dropped);
+  EXPECT_EQ(popUntil(&sync, 855), Stamps({600, 650}));
+}
+
+TEST(MeasurementSync, AfterALostImageTheNextWaitsForOneMoreAndNotForLong) {
+  MeasurementSync sync;
+  bool dropped = false;
+  goSteadily(&sync);
+  popUntil(&sync, 600);
+  sync.addFrame(frameAt(600 * kMs), &dropped);
+  EXPECT_EQ(popUntil(&sync, 645), Stamps());
+  sync.addFrame(frameAt(650 * kMs), &dropped);
+  EXPECT_FALSE(dropped);
+  EXPECT_EQ(popUntil(&sync, 650), Stamps({600, 650}));
+  popUntil(&sync, 750);
+  sync.addFrame(frameAt(750 * kMs), &dropped);
+  EXPECT_EQ(popUntil(&sync, 800), Stamps());
+  EXPECT_EQ(popUntil(&sync, 850), Stamps({750})) << "without another image";
 }
 
 TEST(MeasurementSync, WaitingImagesAreBounded) {

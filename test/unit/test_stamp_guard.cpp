@@ -26,6 +26,18 @@ TEST(StampGuard, ALateBurstIsNoJump) {
   EXPECT_EQ(guard.check(1005 * kMillisecond), StampVerdict::kAccept);
 }
 
+TEST(StampGuard, WhatFollowsAStampOfTheFutureIsAccepted) {
+  for (const TimeNs ahead : {200, 3000}) {
+    StampGuard guard;
+    for (int i = 0; i < 10; ++i)
+      EXPECT_EQ(guard.check((1000 + 50 * i) * kMillisecond), StampVerdict::kAccept);
+    EXPECT_EQ(guard.check((1500 + ahead) * kMillisecond), StampVerdict::kAccept);
+    EXPECT_EQ(guard.check(1550 * kMillisecond), StampVerdict::kPreviousWasAhead);
+    EXPECT_EQ(guard.check(1600 * kMillisecond), StampVerdict::kAccept);
+    EXPECT_EQ(guard.check(1590 * kMillisecond), StampVerdict::kOutOfOrder);
+  }
+}
+
 TEST(StampGuard, BelievesAJumpBackAfterThree) {
   StampGuard guard;
   guard.check(100000 * kMillisecond);

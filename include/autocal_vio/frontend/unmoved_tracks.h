@@ -7,11 +7,11 @@
 
 namespace autocal_vio {
 
-/// Compares each image's tracks with those of the image before. Where they are the same to a hundredth of a pixel, it is
-/// the same image, or that of a rig at rest and free of noise: whether the IMU has moved tells which.
+/// Compares each image's tracks with those of the image before. Where every bit of them is the same it is the same image,
+/// or that of a rig at rest and free of noise: whether the IMU has moved tells which.
 class UnmovedTracks {
  public:
-  /// The next image; true when nothing has moved in it.
+  /// The next image; true when no track has moved in it.
   bool look(const std::vector<Feature>& features);
 
  private:
