@@ -29,8 +29,7 @@ bool appendPredictedFrame(const FeatureFrame& frame, const ImuBuffer& imu, const
   state.reference_td = toSeconds(end - frame.stamp);
   state.measured_angular_velocity = samples.back().angular_velocity;
   state.features = frame.features;
-  state.preintegration =
-      std::make_shared<Preintegration>(std::move(samples), last.bias(), noise, gapNoiseFactor(gap, noise));
+  state.preintegration = std::make_shared<Preintegration>(std::move(samples), last.bias(), noise);
   const ImuIncrement& increment = state.preintegration->increment();
   const double dt = state.preintegration->duration();
   const Eigen::Vector3d g = graph->gravity_W();

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <sstream>
 #include <utility>
 
@@ -110,6 +111,8 @@ EstimatorResult SlidingWindowEstimator::estimate(EstimatorResult result, bool re
   } else if (updateCovariance(newest().id)) {
     blind_drift_ = std::max(blind_drift_, driftSinceSighted());
   }
+  // What is known of the velocity drops at once, and what holds for the last keyframe does not tell.
+  if (newest().preintegration->bridgesGap()) updateCovariance(newest().id);
   keyframe_unfinished_ = newest_is_keyframe_;
   return result;
 }
@@ -157,8 +160,10 @@ std::string SlidingWindowEstimator::stand(const ImuBuffer& imu) {
 // nothing is changed.
 bool SlidingWindowEstimator::mountIsAtRest(EstimatorResult* result) {
   const FrameState& before = graph_.frames()[graph_.frames().size() - 2];
-  const BumpDetector::Mount mount =
-      bump_detector_.look(graph_, toSeconds(newest().stamp - before.stamp), standing());
+  // Across a gap the prediction is not sharp.
+  const double interval = newest().preintegration->bridgesGap() ? std::numeric_limits<double>::infinity()
+                                                                : toSeconds(newest().stamp - before.stamp);
+  const BumpDetector::Mount mount = bump_detector_.look(graph_, interval, standing());
   if (mount == BumpDetector::Mount::kAtRest) return true;
   if (mount == BumpDetector::Mount::kMoving) {
     blindNewest();

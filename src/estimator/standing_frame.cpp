@@ -77,9 +77,7 @@ bool StandingFrame::advance(const ImuBuffer& imu, const ImuNoise& noise, VisualI
   standing.reference_td = candidate_->reference_td;
   standing.measured_angular_velocity = candidate_->measured_angular_velocity;
   standing.features = std::move(candidate_->features);
-  const double gap = toSeconds(imu.largestGap(middle, end));
-  newest.preintegration =
-      std::make_shared<Preintegration>(std::move(ahead), standing.bias(), noise, gapNoiseFactor(gap, noise));
+  newest.preintegration = std::make_shared<Preintegration>(std::move(ahead), standing.bias(), noise);
   newest.setMotion(Eigen::Vector3d::Zero(), standing.bias());
   LandmarkMap& landmarks = graph->landmarkMap();
   landmarks.removeObservations(newest.id);

@@ -13,6 +13,7 @@ constexpr double kBlockTime = 0.1;  // [s] IMU samples are averaged over it: mot
 constexpr int kFewestBlocks = 4;
 constexpr double kRateSigmas = 4.0;    // a mean angular rate this far from the bias is a turn
 constexpr double kSlowestTurn = 5e-3;  // [rad/s] below it the image decides
+constexpr double kLearning = 0.02;     // share of the newest image in what the IMU's noise is at rest
 
 // Means of the IMU's readings [gyroscope, accelerometer] over blocks of time.
 using Reading = Eigen::Matrix<double, 6, 1>;
@@ -54,8 +55,9 @@ StandstillDetector::Verdict StandstillDetector::compare(const View& before, cons
 }
 
 // White noise leaves block means with a variance of density^2 / block time. Gravity and the accelerometer's bias are in
-// all of them alike, so neither has to be known.
-bool StandstillDetector::imuAtRest(const StandstillContext& context) const {
+// all of them alike, so neither has to be known. The noise fitted in motion may be too small, early on above all: once
+// the rig stands, what the IMU reads then is noise and nothing else.
+bool StandstillDetector::imuAtRest(const StandstillContext& context) {
   const std::vector<Reading> means = blockMeans(context.imu);
   if (static_cast<int>(means.size()) < kFewestBlocks) return false;
   const double count = static_cast<double>(means.size());
@@ -64,9 +66,11 @@ bool StandstillDetector::imuAtRest(const StandstillContext& context) const {
   for (const Reading& m : means) squares += (m - mean).cwiseAbs2() / (count - 1.0);
   const double gyro = context.noise.gyroscope_noise_density,
                accel = context.noise.accelerometer_noise_density;
-  const double largest = criteria_.imu_ratio * criteria_.imu_ratio / kBlockTime;
-  if (squares.head<3>().mean() > largest * gyro * gyro) return false;
-  if (squares.tail<3>().mean() > largest * accel * accel) return false;
+  const Eigen::Array2d variance(squares.head<3>().mean(), squares.tail<3>().mean());
+  Eigen::Array2d usual(gyro * gyro / kBlockTime, accel * accel / kBlockTime);
+  if (reference_) usual = usual.max(variance_at_rest_);
+  if ((variance > criteria_.imu_ratio * criteria_.imu_ratio * usual).any()) return false;
+  variance_at_rest_ = reference_ ? (1.0 - kLearning) * variance_at_rest_ + kLearning * variance : variance;
   const double sigma = std::hypot(context.sigma_gyroscope_bias, gyro / std::sqrt(count * kBlockTime));
   return (mean.head<3>() - context.gyroscope_bias).norm() < std::max(kSlowestTurn, kRateSigmas * sigma);
 }

@@ -65,13 +65,12 @@ void intervalResidual(const FrameState& i, const FrameState& j, const Eigen::Vec
   A->block<3, 3>(6, 21) = R_iT;
 }
 
-// Of [accelerometer, gyroscope]: variances over the nominal ones with which the interval was integrated, the noise of a
-// bridged gap aside.
+// Of [accelerometer, gyroscope]: variances over the nominal ones with which the interval was integrated.
 Eigen::Vector2d variancesWithin(const Preintegration& pre, const ImuNoise& nominal) {
   const Eigen::Array2d densities(pre.noise().accelerometer_noise_density,
                                  pre.noise().gyroscope_noise_density);
   const Eigen::Array2d nominals(nominal.accelerometer_noise_density, nominal.gyroscope_noise_density);
-  return (densities / (pre.noiseFactor() * nominals)).square().matrix();
+  return (densities / nominals).square().matrix();
 }
 
 // Covariance of [p, theta, v] with only some of the noise switched on.
@@ -101,6 +100,7 @@ ImuNoise scaled(const ImuNoise& noise, const NoiseFactors& factors) {
 void NoiseAdaptation::addInterval(const VisualInertialGraph& graph, const GraphCovariance& covariance,
                                   std::size_t index) {
   const FrameState &i = graph.frames()[index - 1], &j = graph.frames()[index];
+  if (j.preintegration->bridgesGap()) return;  // it shows how the rig has moved meanwhile
   Vector9d r;
   Matrix9x30d A;
   intervalResidual(i, j, graph.gravity_W(), &r, &A);

@@ -9,6 +9,7 @@ ImuSample interpolate(const ImuSample& a, const ImuSample& b, TimeNs stamp) {
   const double u = b.stamp == a.stamp ? 0.0 : toSeconds(stamp - a.stamp) / toSeconds(b.stamp - a.stamp);
   ImuSample sample;
   sample.stamp = stamp;
+  sample.interval = b.interval;
   sample.angular_velocity = (1.0 - u) * a.angular_velocity + u * b.angular_velocity;
   sample.acceleration = (1.0 - u) * a.acceleration + u * b.acceleration;
   return sample;
@@ -28,6 +29,7 @@ ImuBuffer::AddResult ImuBuffer::add(const ImuSample& sample) {
   if (!sample.isFinite()) return AddResult::kNotFinite;
   if (!samples_.empty() && sample.stamp <= samples_.back().stamp) return AddResult::kOutOfOrder;
   samples_.push_back(sample);
+  samples_.back().interval = samples_.size() > 1 ? sample.stamp - samples_[samples_.size() - 2].stamp : 0;
   // Two samples always stay, so that a gap longer than the horizon can still be interpolated across.
   while (samples_.size() > 2 && samples_[1].stamp < sample.stamp - horizon_) samples_.pop_front();
   return AddResult::kAdded;

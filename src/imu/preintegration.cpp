@@ -1,6 +1,7 @@
 #include "autocal_vio/imu/preintegration.h"
 
 #include <algorithm>
+#include <cmath>
 #include <utility>
 
 #include "autocal_vio/geometry/so3.h"
@@ -12,8 +13,19 @@ using Eigen::Matrix3d;
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
-constexpr double kFewestMissing = 5.0;    // samples in a row that make a gap
-constexpr double kGapNoiseFactor = 20.0;  // motion between samples is not linear in time for that long
+constexpr double kFewestMissing = 5.0;  // samples in a row that make a gap
+// What the straight line across a gap misses of the motion, docs/derivation.md (D72): of a swing of this size at 1 Hz.
+constexpr double kSwingAcceleration = 2.0;     // [m/s^2]
+constexpr double kSwingAngularVelocity = 1.0;  // [rad/s]
+
+bool endsGap(const ImuSample& sample, const ImuNoise& noise) {
+  return toSeconds(sample.interval) * noise.update_rate > kFewestMissing;
+}
+
+// Density of white noise that makes the same error in the integral over the gap, for a swing of 1.
+double densityOfGap(double gap) {
+  return 4.0 * M_PI * M_PI / 12.0 * std::pow(gap, 2.5);
+}
 
 // Integral of an angular velocity that is linear in time: Magnus expansion to fourth order.
 Vector3d rotationVector(const Vector3d& w_begin, const Vector3d& w_end, double dt) {
@@ -22,20 +34,18 @@ Vector3d rotationVector(const Vector3d& w_begin, const Vector3d& w_end, double d
 
 }  // namespace
 
-double gapNoiseFactor(double gap, const ImuNoise& noise) {
-  return gap * noise.update_rate > kFewestMissing ? kGapNoiseFactor : 1.0;
+Preintegration::Preintegration(std::vector<ImuSample> samples, const ImuBias& bias, const ImuNoise& noise)
+    : samples_(std::move(samples)) {
+  repropagate(bias, noise);
 }
 
-Preintegration::Preintegration(std::vector<ImuSample> samples, const ImuBias& bias, const ImuNoise& noise,
-                               double noise_factor)
-    : samples_(std::move(samples)), noise_factor_(noise_factor) {
-  repropagate(bias, noise);
+bool Preintegration::bridgesGap() const {
+  return std::any_of(samples_.begin() + 1, samples_.end(),
+                     [this](const ImuSample& sample) { return endsGap(sample, noise_); });
 }
 
 void Preintegration::repropagate(const ImuBias& bias, const ImuNoise& noise) {
   noise_ = noise;
-  noise_.accelerometer_noise_density *= noise_factor_;
-  noise_.gyroscope_noise_density *= noise_factor_;
   repropagate(bias);
 }
 
@@ -85,8 +95,13 @@ void Preintegration::integrateStep(const ImuSample& begin, const ImuSample& end)
   F.block<3, 3>(kPosition, kAccelBias) = -0.5 * dt * dt * Rm;
 
   // White noise held over the step has variance density^2 / dt; it acts like a bias of that step alone.
-  const double gyro = noise_.gyroscope_noise_density * noise_.gyroscope_noise_density / dt;
-  const double accel = noise_.accelerometer_noise_density * noise_.accelerometer_noise_density / dt;
+  double gyro = noise_.gyroscope_noise_density * noise_.gyroscope_noise_density / dt;
+  double accel = noise_.accelerometer_noise_density * noise_.accelerometer_noise_density / dt;
+  if (endsGap(end, noise_)) {
+    const double density = densityOfGap(toSeconds(end.interval));
+    gyro += std::pow(kSwingAngularVelocity * density, 2) / dt;
+    accel += std::pow(kSwingAcceleration * density, 2) / dt;
+  }
   Eigen::Matrix<double, 15, 6> G;
   G << F.middleCols<3>(kGyroBias), F.middleCols<3>(kAccelBias);
   G.bottomRows<6>().setZero();
@@ -122,15 +137,12 @@ Preintegration Preintegration::joined(const Preintegration& next) const {
   std::vector<ImuSample> samples = samples_;
   for (const ImuSample& sample : next.samples_)
     if (samples.empty() || sample.stamp > samples.back().stamp) samples.push_back(sample);
-  // The noise of a bridged gap is larger than that of its neighbour, and must not get lost.
   ImuNoise noise = noise_;
   noise.accelerometer_noise_density =
       std::max(noise_.accelerometer_noise_density, next.noise_.accelerometer_noise_density);
   noise.gyroscope_noise_density =
       std::max(noise_.gyroscope_noise_density, next.noise_.gyroscope_noise_density);
-  Preintegration result(std::move(samples), bias_, noise);
-  result.noise_factor_ = std::max(noise_factor_, next.noise_factor_);
-  return result;
+  return Preintegration(std::move(samples), bias_, noise);
 }
 
 ImuIncrement Preintegration::corrected(const ImuBias& bias) const {

@@ -191,8 +191,7 @@ bool InitializationAttempt::preintegrate() {
     const TimeNs begin = input_.keyframes[i - 1].stamp + shift, end = input_.keyframes[i].stamp + shift;
     std::vector<ImuSample> samples = input_.imu.slice(begin, end);
     if (samples.size() < 2) return fail("the IMU does not cover the keyframes", "");
-    const double gap = toSeconds(input_.imu.largestGap(begin, end));
-    preintegrations_.emplace_back(std::move(samples), bias, input_.noise, gapNoiseFactor(gap, input_.noise));
+    preintegrations_.emplace_back(std::move(samples), bias, input_.noise);
   }
   return true;
 }

@@ -162,6 +162,19 @@ TEST(StandstillDetector, VibrationBeyondTheFittedNoiseIsNoStandstill) {
   EXPECT_LT(rig.waitFor(true, 30.0), 0.0);
 }
 
+// As early on, when the fitted noise is still too small: what is read at rest is noise.
+TEST(StandstillDetector, ItGoesOnWhereTheNoiseIsLargerThanFitted) {
+  for (unsigned seed = 1; seed <= 5; ++seed) {
+    Rig rig(seed);
+    rig.noise_factor = 1.8;
+    ASSERT_GT(rig.waitFor(true, 10.0), 0.0);
+    EXPECT_LT(rig.waitFor(false, 120.0), 0.0) << "seed " << seed;
+    rig.dark = true;
+    rig.acceleration = Vector3d(0.3, 0.0, 0.0);
+    EXPECT_GT(rig.waitFor(false, 0.3), 0.0) << "seed " << seed;
+  }
+}
+
 // 2 cm/s at 4 m are 2.3 px/s for EuRoC's focal length.
 TEST(StandstillDetector, SlowMotionIsNoStandstillAndCreepingAddsUp) {
   Rig slow(1);

@@ -29,7 +29,8 @@ class BumpDetector {
 
   /// Looks at the graph's newest frame, `interval` [s] after the image before. Its states must be the IMU's prediction,
   /// since the last image at which the mount was at rest: an image of a moving mount must not be used for anything.
-  /// `standing`: the rig is, and says nothing of the noise in motion. Images further apart than 0.15 s say nothing either.
+  /// `standing`: the rig is, and says nothing of the noise in motion. Images further apart than 0.15 s say nothing either;
+  /// an infinite `interval` stands for a prediction that is not sharp.
   Mount look(const VisualInertialGraph& graph, double interval, bool standing);
 
   /// Where the camera was in the last image of a mount that moves or has moved (T_BC).

@@ -55,13 +55,15 @@ class StandstillDetector {
   enum class Verdict { kUnknown, kAtRest, kMoving };
 
   static Verdict compare(const View& before, const View& now, double largest_displacement);
-  bool imuAtRest(const StandstillContext& context) const;
+  bool imuAtRest(const StandstillContext& context);
   bool begins(const StandstillContext& context, double largest_displacement);
   bool goesOn(const StandstillContext& context, double largest_displacement);
 
   StandstillCriteria criteria_;
   std::deque<View> recent_;        ///< the last `time` seconds
   std::optional<View> reference_;  ///< while standing: an earlier image, so that creeping adds up
+  Eigen::Array2d variance_at_rest_ =
+      Eigen::Array2d::Zero();  ///< of gyroscope and accelerometer, while standing
   bool image_at_rest_ = false;
   TimeNs resting_since_ = 0;
 };

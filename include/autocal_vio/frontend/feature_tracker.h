@@ -24,7 +24,8 @@ class FeatureTracker {
   FeatureTracker(const CameraModel& camera, const FeatureTrackerOptions& options);
 
   /// Tracks into `image` (CV_8UC1, the camera's size) and fills up with new corners.
-  /// Where it is the image before once more, every track stays to the last bit. `R_previous_current`: predicted rotation, takes coordinates of the current camera frame to the previous one.
+  /// Where it is the image before once more, every track stays to the last bit. `R_previous_current`: predicted
+  /// rotation, takes coordinates of the current camera frame to the previous one.
   FeatureFrame track(TimeNs stamp, const cv::Mat& image,
                      const std::optional<Eigen::Matrix3d>& R_previous_current);
 

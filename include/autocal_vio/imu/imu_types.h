@@ -17,6 +17,8 @@ struct ImuSample {
   TimeNs stamp = 0;
   Eigen::Vector3d angular_velocity = Eigen::Vector3d::Zero();  ///< [rad/s]
   Eigen::Vector3d acceleration = Eigen::Vector3d::Zero();      ///< specific force [m/s^2], +g upwards at rest
+  TimeNs interval =
+      0;  ///< since the sensor's sample before, also where this one is interpolated; 0: not known
 
   bool isFinite() const { return angular_velocity.allFinite() && acceleration.allFinite(); }
 };

@@ -33,16 +33,12 @@ struct ImuIncrement {
 /// Longest gap without IMU samples [s] that is bridged by interpolation.
 constexpr double kLongestBridgedGap = 0.5;
 
-/// How much noisier an interval is for the longest gap [s] without samples in it [-]: 1 where none is missing.
-double gapNoiseFactor(double gap, const ImuNoise& noise);
-
 /// The increments between two stamps for one linearisation bias.
 class Preintegration {
  public:
-  /// `samples`: in order of time, the first and last at the ends of the interval (ImuBuffer::slice). `noise_factor`
-  /// multiplies the white noise densities of any noise (gapNoiseFactor).
-  Preintegration(std::vector<ImuSample> samples, const ImuBias& bias, const ImuNoise& noise,
-                 double noise_factor = 1.0);
+  /// `samples`: in order of time, the first and last at the ends of the interval (ImuBuffer::slice). Where some are
+  /// missing, the motion in between adds to the noise.
+  Preintegration(std::vector<ImuSample> samples, const ImuBias& bias, const ImuNoise& noise);
 
   /// Integrates again about another bias, with the noise given; needed when the bias moved far.
   void repropagate(const ImuBias& bias, const ImuNoise& noise);
@@ -60,8 +56,9 @@ class Preintegration {
   double duration() const { return duration_; }  ///< [s]
   const ImuIncrement& increment() const { return increment_; }
   const ImuBias& linearizationBias() const { return bias_; }
-  const ImuNoise& noise() const { return noise_; }  ///< times the noise factor
-  double noiseFactor() const { return noise_factor_; }
+  const ImuNoise& noise() const { return noise_; }
+  /// Samples are missing in it.
+  bool bridgesGap() const;
   const std::vector<ImuSample>& samples() const { return samples_; }
 
   /// Covariance of the error states at the end (StateOrder), bias random walks included.
@@ -82,7 +79,6 @@ class Preintegration {
   std::vector<ImuSample> samples_;
   ImuBias bias_;
   ImuNoise noise_;
-  double noise_factor_ = 1.0;
   double duration_ = 0.0;
   ImuIncrement increment_;
   Matrix15d covariance_ = Matrix15d::Zero();
