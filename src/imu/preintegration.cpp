@@ -34,6 +34,16 @@ Vector3d rotationVector(const Vector3d& w_begin, const Vector3d& w_end, double d
 
 }  // namespace
 
+ImuNoise noiseOfStep(const ImuSample& end, const ImuNoise& noise) {
+  if (!endsGap(end, noise)) return noise;
+  const double density = densityOfGap(toSeconds(end.interval));
+  ImuNoise result = noise;
+  result.accelerometer_noise_density =
+      std::hypot(noise.accelerometer_noise_density, kSwingAcceleration * density);
+  result.gyroscope_noise_density = std::hypot(noise.gyroscope_noise_density, kSwingAngularVelocity * density);
+  return result;
+}
+
 Preintegration::Preintegration(std::vector<ImuSample> samples, const ImuBias& bias, const ImuNoise& noise)
     : samples_(std::move(samples)) {
   repropagate(bias, noise);
@@ -95,13 +105,9 @@ void Preintegration::integrateStep(const ImuSample& begin, const ImuSample& end)
   F.block<3, 3>(kPosition, kAccelBias) = -0.5 * dt * dt * Rm;
 
   // White noise held over the step has variance density^2 / dt; it acts like a bias of that step alone.
-  double gyro = noise_.gyroscope_noise_density * noise_.gyroscope_noise_density / dt;
-  double accel = noise_.accelerometer_noise_density * noise_.accelerometer_noise_density / dt;
-  if (endsGap(end, noise_)) {
-    const double density = densityOfGap(toSeconds(end.interval));
-    gyro += std::pow(kSwingAngularVelocity * density, 2) / dt;
-    accel += std::pow(kSwingAcceleration * density, 2) / dt;
-  }
+  const ImuNoise noise = noiseOfStep(end, noise_);
+  const double gyro = noise.gyroscope_noise_density * noise.gyroscope_noise_density / dt;
+  const double accel = noise.accelerometer_noise_density * noise.accelerometer_noise_density / dt;
   Eigen::Matrix<double, 15, 6> G;
   G << F.middleCols<3>(kGyroBias), F.middleCols<3>(kAccelBias);
   G.bottomRows<6>().setZero();

@@ -11,9 +11,12 @@ Propagator::Propagator(double gravity_magnitude, TimeNs horizon)
 
 std::optional<MotionState> Propagator::add(const ImuSample& sample) {
   const std::lock_guard<std::mutex> lock(mutex_);
-  if (buffer_.add(sample) != ImuBuffer::AddResult::kAdded || !current_) return std::nullopt;
-  if (sample.stamp - rebased_at_ > horizon_) return std::nullopt;
-  const std::vector<ImuSample> samples = buffer_.slice(current_->stamp, sample.stamp);
+  if (!sample.isFinite()) return std::nullopt;
+  bool added = false;
+  for (const ImuSample& usable : glitch_filter_.add(sample).samples)
+    added = buffer_.add(usable) == ImuBuffer::AddResult::kAdded || added;
+  if (!added || !current_ || buffer_.newest() - rebased_at_ > horizon_) return std::nullopt;
+  const std::vector<ImuSample> samples = buffer_.slice(current_->stamp, buffer_.newest());
   if (samples.empty()) return std::nullopt;
   for (std::size_t i = 1; i < samples.size(); ++i) {
     propagate(samples[i - 1], samples[i], bias_, noise_, gravity_magnitude_, &*current_);
@@ -32,7 +35,9 @@ void Propagator::rebase(const MotionState& state, const ImuBias& bias, const Imu
 void Propagator::clear(bool samples_too) {
   const std::lock_guard<std::mutex> lock(mutex_);
   current_.reset();
-  if (samples_too) buffer_.clear();
+  if (!samples_too) return;
+  buffer_.clear();
+  glitch_filter_.clear();
 }
 
 void propagate(const ImuSample& begin, const ImuSample& end, const ImuBias& bias, const ImuNoise& noise,
@@ -55,8 +60,9 @@ void propagate(const ImuSample& begin, const ImuSample& end, const ImuBias& bias
   F.block<3, 3>(3, 9) = -dt * R;
   F.block<3, 3>(6, 12) = -dt * R;
   F.block<3, 3>(0, 12) = -0.5 * dt * dt * R;
-  const double accel_variance = noise.accelerometer_noise_density * noise.accelerometer_noise_density;
-  const double gyro_variance = noise.gyroscope_noise_density * noise.gyroscope_noise_density;
+  const ImuNoise of_step = noiseOfStep(end, noise);
+  const double accel_variance = of_step.accelerometer_noise_density * of_step.accelerometer_noise_density;
+  const double gyro_variance = of_step.gyroscope_noise_density * of_step.gyroscope_noise_density;
   const double accel_walk = noise.accelerometer_random_walk * noise.accelerometer_random_walk;
   const double gyro_walk = noise.gyroscope_random_walk * noise.gyroscope_random_walk;
   Matrix15d covariance = F * state->covariance * F.transpose();

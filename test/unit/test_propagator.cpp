@@ -108,6 +108,51 @@ TEST(Propagator, RefusesBadSamplesAndStaleStates) {
   EXPECT_FALSE(propagator.add(motion.sample(kNsPerSecond + kStep)).has_value());
 }
 
+TEST(Propagator, OneWrongSampleDoesNotShow) {
+  const CircleMotion motion = biasedCircle();
+  Propagator propagator(kGravity);
+  TimeNs stamp = 0;
+  for (; stamp < 20 * kStep; stamp += kStep) propagator.add(motion.sample(stamp));
+  propagator.rebase(motion.state(stamp), motion.bias, ImuNoise());
+  propagator.add(motion.sample(stamp));
+  ImuSample kick = motion.sample(stamp += kStep), spin = motion.sample(stamp + 3 * kStep),
+            future = motion.sample(stamp + 6 * kStep);
+  kick.acceleration.y() += 300.0;
+  spin.angular_velocity.x() -= 20.0;
+  future.stamp += kNsPerSecond;
+  for (int i = 1; i < 10; ++i) {
+    stamp += kStep;
+    const bool wrong = i == 1 || i == 4 || i == 7;
+    const ImuSample sample = i == 1 ? kick : i == 4 ? spin : i == 7 ? future : motion.sample(stamp);
+    const std::optional<MotionState> state = propagator.add(sample);
+    EXPECT_EQ(state.has_value(), !wrong) << i;
+    if (!state) continue;
+    EXPECT_EQ(state->stamp, stamp);
+    EXPECT_LT((state->T_WB.translation - motion.state(stamp).T_WB.translation).norm(), 1e-4) << i;
+    EXPECT_LT((state->velocity_W - motion.state(stamp).velocity_W).norm(), 1e-3) << i;
+  }
+}
+
+// docs/derivation.md (D72).
+TEST(Propagator, AGapCountsInTheCovariance) {
+  const CircleMotion motion = biasedCircle();
+  Propagator steady(kGravity), gapped(kGravity);
+  std::optional<MotionState> with, without;
+  for (Propagator* propagator : {&steady, &gapped}) {
+    propagator->add(motion.sample(0));
+    propagator->rebase(motion.state(0), motion.bias, ImuNoise());
+  }
+  for (TimeNs stamp = kStep; stamp <= 60 * kStep; stamp += kStep) {
+    without = steady.add(motion.sample(stamp));
+    if (stamp < 20 * kStep || stamp > 50 * kStep) with = gapped.add(motion.sample(stamp));
+  }
+  ASSERT_TRUE(with && without);
+  EXPECT_EQ(with->stamp, without->stamp);
+  const double sigma = std::sqrt(with->covariance(6, 6));
+  EXPECT_GT(sigma, 10.0 * std::sqrt(without->covariance(6, 6)));
+  EXPECT_LT((with->velocity_W - motion.state(with->stamp).velocity_W).norm(), 3.0 * sigma);
+}
+
 TEST(Propagator, ClearForgets) {
   const CircleMotion motion = biasedCircle();
   Propagator propagator(kGravity);

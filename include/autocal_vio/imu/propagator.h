@@ -7,6 +7,7 @@
 
 #include "autocal_vio/geometry/transform.h"
 #include "autocal_vio/imu/imu_buffer.h"
+#include "autocal_vio/imu/imu_glitch_filter.h"
 #include "autocal_vio/imu/imu_types.h"
 #include "autocal_vio/imu/preintegration.h"
 
@@ -28,7 +29,8 @@ class Propagator {
   explicit Propagator(double gravity_magnitude, TimeNs horizon = 2 * kNsPerSecond);
 
   /// Adds a sample and carries the state on to it. Nothing while no state is known, when the sample is not
-  /// newer than the last (or not finite), or when the last state is older than the horizon.
+  /// newer than the last (or not finite), or may be a glitch (the next one tells), or when the last state is older than
+  /// the horizon.
   std::optional<MotionState> add(const ImuSample& sample);
 
   /// Takes a new state of the estimator; the next add() goes on from it through all samples newer than it.
@@ -43,6 +45,7 @@ class Propagator {
   const TimeNs horizon_;
   std::mutex mutex_;
   // Guarded by mutex_:
+  ImuGlitchFilter glitch_filter_;
   ImuBuffer buffer_;
   std::optional<MotionState> current_;  ///< carried on to the newest sample
   TimeNs rebased_at_ = 0;               ///< stamp of the estimator's state
