@@ -1,5 +1,7 @@
 #include "autocal_vio/calibration_io/asl_sensors.h"
 
+#include <tuple>
+
 #include "autocal_vio/calibration_io/load_problems.h"
 #include "autocal_vio/calibration_io/yaml_section.h"
 
@@ -35,13 +37,10 @@ CameraIntrinsics readCamera(const std::string& path, Problems* problems) {
   section.require({"resolution", "intrinsics", "distortion_model", coefficients_key});
   readModel(&section, &camera);
   // What cannot be read keeps a value that fits whatever the rest is: it needs no second complaint.
-  camera.width = camera.height = 20000;
+  camera.width = camera.height = kLargestImage;
   if (const auto values = section.numbers(coefficients_key, 4, "k1 k2 p1 p2 or k1 k2 k3 k4"))
     camera.distortion_coeffs = Eigen::Map<const Eigen::Vector4d>(values->data());
-  if (const auto values = section.numbers("resolution", 2, "width and height in pixels")) {
-    camera.width = static_cast<int>((*values)[0]);
-    camera.height = static_cast<int>((*values)[1]);
-  }
+  if (const auto size = section.resolution("resolution")) std::tie(camera.width, camera.height) = *size;
   camera.intrinsics << 1000.0, 1000.0, 0.5 * camera.width, 0.5 * camera.height;
   if (const auto values = section.numbers("intrinsics", 4, "fu fv pu pv in pixels"))
     camera.intrinsics = Eigen::Map<const Eigen::Vector4d>(values->data());

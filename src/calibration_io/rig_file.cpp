@@ -1,6 +1,7 @@
 #include "autocal_vio/calibration_io/rig_file.h"
 
 #include <cmath>
+#include <tuple>
 #include <utility>
 
 #include "autocal_vio/calibration_io/load_problems.h"
@@ -10,7 +11,6 @@ namespace autocal_vio {
 namespace {
 
 constexpr double kMaxTimeshift = 1.0;  // [s], beyond it clocks are not merely offset
-constexpr int kLargestImage = 20000;   // [px]
 
 const char* const kImuKeys[] = {"accelerometer_noise_density", "accelerometer_random_walk",
                                 "gyroscope_noise_density", "gyroscope_random_walk", "update_rate"};
@@ -71,18 +71,6 @@ void readDistortion(YamlSection* section, CameraIntrinsics* camera) {
     camera->higher_radial_coeffs(static_cast<Eigen::Index>(i - 4)) = (*values)[i];
 }
 
-void readResolution(YamlSection* section, CameraIntrinsics* camera) {
-  const auto values = section->numbers("resolution", 2, "width and height in pixels");
-  if (!values) return;
-  for (double value : *values) {
-    if (value == std::floor(value) && value >= 1.0 && value <= kLargestImage) continue;
-    section->addProblem("resolution", "expected whole numbers of pixels within [1, 20000]");
-    return;
-  }
-  camera->width = static_cast<int>((*values)[0]);
-  camera->height = static_cast<int>((*values)[1]);
-}
-
 // All of the camera's own keys, or none of them: then camera_info describes it, which says nothing of the shutter nor of how
 // well the principal point is known.
 void readCamera(YamlSection* section, RigModel* rig) {
@@ -97,7 +85,7 @@ void readCamera(YamlSection* section, RigModel* rig) {
     section->require(keys);
     readModels(section, &camera);
     readDistortion(section, &camera);
-    readResolution(section, &camera);
+    if (const auto size = section->resolution("resolution")) std::tie(camera.width, camera.height) = *size;
   }
   camera.intrinsics << 1000.0, 1000.0, 0.5 * camera.width, 0.5 * camera.height;
   if (any)

@@ -143,6 +143,17 @@ std::optional<std::vector<double>> YamlSection::numbers(const std::string& key, 
   return std::nullopt;
 }
 
+std::optional<std::pair<int, int>> YamlSection::resolution(const std::string& key) {
+  const auto values = numbers(key, 2, "width and height in pixels");
+  if (!values) return std::nullopt;
+  for (const double value : *values) {
+    if (value == std::floor(value) && value >= 1.0 && value <= kLargestImage) continue;
+    addProblem(key, "expected whole numbers of pixels within [1, " + std::to_string(kLargestImage) + "]");
+    return std::nullopt;
+  }
+  return std::make_pair(static_cast<int>((*values)[0]), static_cast<int>((*values)[1]));
+}
+
 std::optional<Transform> YamlSection::transform(const std::string& key) {
   const std::optional<YAML::Node> node = child(key);
   if (!node) return std::nullopt;

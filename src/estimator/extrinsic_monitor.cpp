@@ -79,9 +79,13 @@ void ExtrinsicMonitor::judge() {
   const double sigma_rotation = sigma.tail<3>().maxCoeff(&worst_rotation) * kDegrees;
   const double pull_translation = now.translation_held ? 0.0 : now.pull.head<3>().norm();
   const double pull_rotation = now.rotation_held ? 0.0 : now.pull.tail<3>().norm() * kDegrees;
+  // The covariance is about the camera's axes.
+  const Eigen::Matrix3d R = now.T_BC.rotation.toRotationMatrix();
+  const Eigen::Vector3d sigma_about_B =
+      (R * now.covariance.bottomRightCorner<3, 3>() * R.transpose()).diagonal().cwiseSqrt();
   for (int i = 0; i < 3; ++i) {
     translation_observable_[i] = sigma(i) < kObservableTranslation;
-    rotation_observable_[i] = sigma(3 + i) < kObservableRotation;
+    rotation_observable_[i] = sigma_about_B(i) < kObservableRotation;
   }
   const double slack = converged_ ? kReopenFactor : 1.0;
   std::ostringstream why;

@@ -26,6 +26,12 @@ FeatureFrame RollingShutter::correct(FeatureFrame frame) {
     Track& track = tracks_[feature.track_id];
     // A track that returns, or stamps that do not go on, tell no velocity.
     const bool goes_on = track.count > 0 && now.time > track.newest.time;
+    // The image before once more, or perfect rest: no new sighting.
+    if (goes_on && now.normalized == track.newest.normalized) {
+      track.stamp = frame.stamp;
+      corrected.push_back(std::move(feature));
+      continue;
+    }
     if (goes_on) {
       feature.normalized -= delay * velocity(now, track);
       corrected.push_back(std::move(feature));

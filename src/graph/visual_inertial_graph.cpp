@@ -335,14 +335,17 @@ void VisualInertialGraph::setPrior(const std::vector<BlockKey>& keys, const Line
   prior_keys_ = keys;
 }
 
-// The mount creeps for `seconds`: prior and calibration prior say less of the extrinsics, but for held parts (D41).
-LinearSystem VisualInertialGraph::withWalk(LinearSystem system, const std::vector<BlockKey>& keys,
-                                           double seconds) {
+// Variances [translation, rotation] by which the mount creeps in `seconds`; parts that are held do not (D41).
+Eigen::Array2d VisualInertialGraph::mountWalk(double seconds) const {
   const double translation = calibration_.translation_held ? 0.0 : options_.translation_walk,
                rotation = calibration_.rotation_held ? 0.0 : options_.rotation_walk;
-  const double p = translation * translation * seconds, theta = rotation * rotation * seconds;
-  calibration_prior_.sigma_translation = (calibration_prior_.sigma_translation.array().square() + p).sqrt();
-  calibration_prior_.sigma_rotation = (calibration_prior_.sigma_rotation.array().square() + theta).sqrt();
+  return seconds * Eigen::Array2d(translation, rotation).square();
+}
+
+LinearSystem VisualInertialGraph::withWalk(LinearSystem system, const std::vector<BlockKey>& keys,
+                                           double seconds) const {
+  const Eigen::Array2d walk = mountWalk(seconds);
+  const double p = walk(0), theta = walk(1);
   int first = 0;
   for (const BlockKey& key : keys) {
     if (key == kTranslationKey && p > 0.0) system = loosen(system, first, Eigen::Vector3d::Constant(p));
@@ -379,7 +382,9 @@ void VisualInertialGraph::marginalizeOldest() {
   for (const Landmark& landmark : consumed) appendLandmarkFactors(landmark, Depths::kFree, &factors);
   const LinearSystem system = marginalizeFirst(linearize(factors, blocksOf(keys)), 15);
   const std::vector<BlockKey> rest(kept.begin(), kept.end());
-  setPrior(rest, withWalk(system, rest, toSeconds(frames_[1].stamp - frames_[0].stamp)));
+  const double seconds = toSeconds(frames_[1].stamp - frames_[0].stamp);
+  setPrior(rest, withWalk(system, rest, seconds));
+  calibration_prior_.widen(mountWalk(seconds));
   if (first_frame_prior_ && first_frame_prior_->frame == oldest) first_frame_prior_.reset();
   frames_.pop_front();
   frames_.front().preintegration.reset();

@@ -6,19 +6,20 @@
 namespace autocal_vio {
 namespace {
 
-constexpr TimeNs kFarAhead = 50000000;
 constexpr double kUsualSteps = 10.0;
-constexpr double kLearning = 0.01;  // share of the newest step in the mean
-constexpr double kReturned = 0.3;   // of the step: what is left of it then
+constexpr double kLearning = 0.01;    // share of the newest step in the mean
+constexpr double kMostLearned = 2.0;  // of a larger one than is far: a glitch must not hide the next
+constexpr double kReturned = 0.3;     // of the step: what is left of it then
 
 }  // namespace
 
-bool ImuGlitchFilter::Steps::isFar(double step) const {
-  return step > std::max(floor, kUsualSteps * std::sqrt(mean_square));
+double ImuGlitchFilter::Steps::limit() const {
+  return std::max(floor, kUsualSteps * std::sqrt(mean_square));
 }
 
 void ImuGlitchFilter::Steps::learn(double step) {
-  mean_square += kLearning * (step * step - mean_square);
+  const double learned = std::min(step, kMostLearned * limit());
+  mean_square += kLearning * (learned * learned - mean_square);
 }
 
 ImuGlitchFilter::Passed ImuGlitchFilter::add(const ImuSample& sample) {
@@ -39,11 +40,12 @@ ImuGlitchFilter::Passed ImuGlitchFilter::add(const ImuSample& sample) {
 }
 
 bool ImuGlitchFilter::isFar(const ImuSample& sample) {
+  if (!last_) leap_.add(sample.stamp);
   if (!last_ || sample.stamp <= last_->stamp) return false;
   gyroscope_.held_is_far = gyroscope_.isFar((sample.angular_velocity - last_->angular_velocity).norm());
   accelerometer_.held_is_far = accelerometer_.isFar((sample.acceleration - last_->acceleration).norm());
-  const bool far_ahead = interval_ > 0 && sample.stamp - last_->stamp > std::max(kFarAhead, 3 * interval_);
-  return gyroscope_.held_is_far || accelerometer_.held_is_far || far_ahead;
+  leap_.add(sample.stamp);
+  return gyroscope_.held_is_far || accelerometer_.held_is_far || leap_.leapt();
 }
 
 // From the value that waits to that before it. A blow or a start stays, or rings.
@@ -61,10 +63,7 @@ bool ImuGlitchFilter::returns(const ImuSample& sample) const {
 void ImuGlitchFilter::pass(const ImuSample& sample, Passed* passed) {
   passed->samples.push_back(sample);
   if (last_ && sample.stamp <= last_->stamp) return;  // out of order
-  if (last_) {
-    learn(sample);
-    interval_ = sample.stamp - last_->stamp;
-  }
+  if (last_) learn(sample);
   last_ = sample;
 }
 

@@ -4,6 +4,18 @@
 #include <sstream>
 
 namespace autocal_vio {
+namespace {
+
+// Beyond any sensor's range: a broken driver or a broken message. One such sample would spoil what it is integrated into.
+constexpr double kLargestRate = 300.0;        // [rad/s]
+constexpr double kLargestAcceleration = 1e4;  // [m/s^2]
+
+}  // namespace
+
+bool ImuSample::isPlausible() const {
+  return isFinite() && angular_velocity.cwiseAbs().maxCoeff() < kLargestRate &&
+         acceleration.cwiseAbs().maxCoeff() < kLargestAcceleration;
+}
 
 std::vector<std::string> ImuNoise::validate() const {
   std::vector<std::string> problems;

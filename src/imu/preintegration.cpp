@@ -13,14 +13,9 @@ using Eigen::Matrix3d;
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
-constexpr double kFewestMissing = 5.0;  // samples in a row that make a gap
 // What the straight line across a gap misses of the motion, docs/derivation.md (D72): of a swing of this size at 1 Hz.
 constexpr double kSwingAcceleration = 2.0;     // [m/s^2]
 constexpr double kSwingAngularVelocity = 1.0;  // [rad/s]
-
-bool endsGap(const ImuSample& sample, const ImuNoise& noise) {
-  return toSeconds(sample.interval) * noise.update_rate > kFewestMissing;
-}
 
 // Density of white noise that makes the same error in the integral over the gap, for a swing of 1.
 double densityOfGap(double gap) {
@@ -35,8 +30,8 @@ Vector3d rotationVector(const Vector3d& w_begin, const Vector3d& w_end, double d
 }  // namespace
 
 ImuNoise noiseOfStep(const ImuSample& end, const ImuNoise& noise) {
-  if (!endsGap(end, noise)) return noise;
-  const double density = densityOfGap(toSeconds(end.interval));
+  if (end.gap == 0) return noise;
+  const double density = densityOfGap(toSeconds(end.gap));
   ImuNoise result = noise;
   result.accelerometer_noise_density =
       std::hypot(noise.accelerometer_noise_density, kSwingAcceleration * density);
@@ -51,7 +46,7 @@ Preintegration::Preintegration(std::vector<ImuSample> samples, const ImuBias& bi
 
 bool Preintegration::bridgesGap() const {
   return std::any_of(samples_.begin() + 1, samples_.end(),
-                     [this](const ImuSample& sample) { return endsGap(sample, noise_); });
+                     [](const ImuSample& sample) { return sample.gap > 0; });
 }
 
 void Preintegration::repropagate(const ImuBias& bias, const ImuNoise& noise) {

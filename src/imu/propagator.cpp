@@ -11,7 +11,7 @@ Propagator::Propagator(double gravity_magnitude, TimeNs horizon)
 
 std::optional<MotionState> Propagator::add(const ImuSample& sample) {
   const std::lock_guard<std::mutex> lock(mutex_);
-  if (!sample.isFinite()) return std::nullopt;
+  if (!sample.isPlausible()) return std::nullopt;
   bool added = false;
   for (const ImuSample& usable : glitch_filter_.add(sample).samples)
     added = buffer_.add(usable) == ImuBuffer::AddResult::kAdded || added;

@@ -16,7 +16,7 @@ using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
 constexpr double kDegree = 3.14159265358979323846 / 180.0;
-constexpr double kContradictionSigmas = 5.0;
+constexpr double kRotationStepSigmas = 5.0;
 constexpr double kTdFloor = 0.001;         // [s] of what rotations say of it: their noise is correlated
 constexpr double kSigmaOfGivenTd = 0.015;  // [s]
 constexpr double kOneAxisFactor =
@@ -27,7 +27,7 @@ std::optional<PriorDeviation> rotationContradiction(const RotationPrior& prior, 
   const Vector3d off = logSo3((prior.R_BC.conjugate() * R_BC).normalized());
   const Matrix3d expected = covariance + prior.sigma * prior.sigma * Matrix3d::Identity();
   const double sigmas = std::sqrt(off.dot(expected.inverse() * off));
-  if (!(sigmas > kContradictionSigmas)) return std::nullopt;
+  if (!(sigmas > kRotationStepSigmas)) return std::nullopt;
   return PriorDeviation{off.norm(), false};
 }
 
@@ -41,7 +41,7 @@ std::optional<PriorDeviation> axisContradiction(const RotationPrior& prior, cons
   if (!(sigma <= max_sigma)) return std::nullopt;
   const Vector3d prior_axis_B = prior.R_BC * (R_BC.conjugate() * axis_B);
   const double off = std::atan2(axis_B.cross(prior_axis_B).norm(), axis_B.dot(prior_axis_B));
-  if (!(off > kContradictionSigmas * std::hypot(sigma, prior.sigma))) return std::nullopt;
+  if (!(off > kRotationStepSigmas * std::hypot(sigma, prior.sigma))) return std::nullopt;
   return PriorDeviation{off, true};
 }
 
@@ -63,7 +63,7 @@ std::optional<double> timeOffsetContradiction(const RotationRefinementOptions& p
                                               const RotationCalibration& solution) {
   const double off = std::abs(solution.state.td - priors.td);
   const double sigma = std::sqrt(solution.covariance(6, 6) + kTdFloor * kTdFloor);
-  if (!(off > kContradictionSigmas * std::hypot(sigma, priors.sigma_td))) return std::nullopt;
+  if (!(off > kRotationStepSigmas * std::hypot(sigma, priors.sigma_td))) return std::nullopt;
   return off;
 }
 

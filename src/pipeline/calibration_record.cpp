@@ -87,6 +87,7 @@ void CalibrationRecord::separate(const VisualInertialGraph& graph, const GraphCo
   const bool translation = covariance.block(kTranslationKey).size(),
              rotation = covariance.block(kRotationKey).size();
   const int first = translation ? 0 : 3, size = (rotation ? 6 : 3) - first;
+  data_deviation_.setZero();
   if (size == 0) return;
   const Vector6d sigma = priorSigmas(graph.calibrationPrior()),
                  deviation = deviationFrom(graph.calibrationPrior().T_BC, graph.calibration().T_BC());
@@ -96,7 +97,6 @@ void CalibrationRecord::separate(const VisualInertialGraph& graph, const GraphCo
   data_covariance_ = extrinsic_covariance_;
   data_covariance_.block(first, first, size, size) = variance_factor * data.covariance;
   if (rotation) data_covariance_.diagonal().tail<3>().array() += rotation_floor_ * rotation_floor_;
-  data_deviation_.setZero();
   data_deviation_.segment(first, size) = data.deviation;
   pull_.setZero();
   pull_.segment(first, size) = data.deviation - deviation.segment(first, size);

@@ -10,22 +10,13 @@ constexpr TimeNs kImuHorizon = 30 * kNsPerSecond;
 constexpr TimeNs kJump = kNsPerSecond;
 constexpr std::size_t kMaxWaiting = 60;
 constexpr double kPatience = 1.5;  // usual intervals of the images, for the next one
-// Beyond any sensor's range: a broken driver or a broken message. One such sample would spoil what it is integrated
-// into.
-constexpr double kLargestRate = 300.0;        // [rad/s]
-constexpr double kLargestAcceleration = 1e4;  // [m/s^2]
-
-bool isUsable(const ImuSample& sample) {
-  return sample.isFinite() && sample.angular_velocity.cwiseAbs().maxCoeff() < kLargestRate &&
-         sample.acceleration.cwiseAbs().maxCoeff() < kLargestAcceleration;
-}
 
 }  // namespace
 
 MeasurementSync::MeasurementSync() : imu_(kImuHorizon) {}
 
 MeasurementSync::ImuVerdict MeasurementSync::addImu(const ImuSample& sample) {
-  if (!isUsable(sample)) return ImuVerdict::kNotFinite;
+  if (!sample.isPlausible()) return ImuVerdict::kNotFinite;
   if (!imu_.empty() && sample.stamp < imu_.newest() - kJump) return ImuVerdict::kTimeJumpedBack;
   const ImuGlitchFilter::Passed passed = glitch_filter_.add(sample);
   ImuVerdict verdict = passed.left_out ? ImuVerdict::kGlitchLeftOut : ImuVerdict::kAdded;

@@ -205,6 +205,15 @@ std::optional<ExtrinsicsPrior> Session::heldExtrinsics() const {
                                                               : now->extrinsics;
 }
 
+// One that is still as it was given stays somebody's word.
+std::optional<TimeOffsetPrior> Session::heldTimeOffset() const {
+  if (!held_.time_offset) return std::nullopt;
+  if (td() == time_offset_prior_.td) return time_offset_prior_;
+  if (const std::optional<CalibrationKnowledge> now = record_.knowledge(CalibrationTrust::kAll))
+    return now->time_offset;
+  return TimeOffsetPrior{td(), initializer_->sigmaTd(), true};
+}
+
 void Session::fillFromInitializer(VioUpdate* update) const {
   const InitializerStatus& status = initializer_->status();
   update->state = status.rotation_known ? VioState::kCalibratingTranslation : VioState::kCalibratingRotation;

@@ -55,6 +55,7 @@ class VioSystem::Impl {
         tracker_(camera_, options.tracker),
         rolling_shutter_(rig.camera->readout_time, rig.camera->height) {
     startSession(rig_, std::nullopt);
+    session_->describeBeginning(&update_);
   }
 
   void addImu(const ImuSample& sample) {
@@ -62,10 +63,10 @@ class VioSystem::Impl {
       case MeasurementSync::ImuVerdict::kAdded:
         break;
       case MeasurementSync::ImuVerdict::kGlitchLeftOut:
-        ++counters_.imu_not_finite;
+        ++counters_.imu_unusable;
         break;
       case MeasurementSync::ImuVerdict::kNotFinite:
-        ++counters_.imu_not_finite;
+        ++counters_.imu_unusable;
         return;
       case MeasurementSync::ImuVerdict::kOutOfOrder:
         ++counters_.imu_out_of_order;
@@ -91,7 +92,7 @@ class VioSystem::Impl {
       setProblem(problem, "the image's stamp is not newer than the last");
       return false;
     }
-    countUncovered(dropped ? 1 : 0);
+    counters_.images_dropped += dropped;
     processReady();
     return true;
   }
@@ -164,6 +165,7 @@ class VioSystem::Impl {
       rig.time_offset_prior = knowledge->time_offset;
     }
     if (const std::optional<ExtrinsicsPrior> held = session_->heldExtrinsics()) rig.extrinsics_prior = held;
+    if (const std::optional<TimeOffsetPrior> held = session_->heldTimeOffset()) rig.time_offset_prior = *held;
     if (options_.fix_extrinsics) rig.extrinsics_prior = rig_.extrinsics_prior;
     return rig;
   }
@@ -171,7 +173,7 @@ class VioSystem::Impl {
   // The clock went back (a bag played in a loop): nothing buffered is of use, the calibration is.
   // Messages that were on their way meanwhile may bring the old clock back for a moment: no second reset for that.
   void restartClock() {
-    countUncovered(sync_.framesWaiting());
+    counters_.images_dropped += sync_.framesWaiting();
     sync_.clear();
     imu_plausibility_ = ImuPlausibility();
     if (!last_processed_) return;
@@ -194,8 +196,20 @@ class VioSystem::Impl {
     counters_.images_uncovered += images;
   }
 
+  // What throws on its way leaves the update before, and so the calibration as it was last known.
   void process(PendingFrame pending) {
-    update_ = VioUpdate();
+    VioUpdate before = std::exchange(update_, VioUpdate());
+    try {
+      processInto(std::move(pending));
+    } catch (...) {
+      update_ = std::move(before);
+      update_.counters = counters_;
+      throw;
+    }
+    sink_(update_);
+  }
+
+  void processInto(PendingFrame pending) {
     update_.stamp = pending.stamp;
     FeatureFrame frame = pending.features ? std::move(*pending.features) : track(pending);
     fillTracks(frame);
@@ -221,7 +235,6 @@ class VioSystem::Impl {
     if (!imu_problem.empty()) update_.reason = imu_problem + "; " + update_.reason;
     ++counters_.images_processed;
     update_.counters = counters_;
-    sink_(update_);
   }
 
   // What the data have contradicted must not come back with the next session. Where that was a session's own estimate, the

@@ -169,7 +169,7 @@ CalibrationStatus toStatus(const VioUpdate& update, const std::string& imu_frame
   status.tracked_features = static_cast<std::uint32_t>(std::max(0, update.tracked_features));
   status.images_processed = update.counters.images_processed;
   status.images_dropped = update.counters.images_dropped;
-  status.imu_dropped = update.counters.imu_not_finite + update.counters.imu_out_of_order;
+  status.imu_dropped = update.counters.imu_unusable + update.counters.imu_out_of_order;
   status.resets = update.counters.resets;
   status.tracking_ms = finite(update.times.tracking_ms);
   status.initialization_ms = finite(update.times.initialization_ms);

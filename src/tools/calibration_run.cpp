@@ -82,7 +82,7 @@ CalibrationRunResult CalibrationRun::result() const {
   result.counts.images_dropped = counters.images_dropped + waiting;
   result.counts.images_uncovered = counters.images_uncovered + waiting;
   result.counts.imu_samples = imu_samples_;
-  result.counts.imu_unusable = counters.imu_not_finite + counters.imu_out_of_order;
+  result.counts.imu_unusable = counters.imu_unusable + counters.imu_out_of_order;
   result.timings.cpu_seconds = cpu_seconds_;
   result.timings.peak_memory_mb = peakMemoryMb();
   result.timings.image_ms = image_ms_;

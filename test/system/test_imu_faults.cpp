@@ -39,7 +39,7 @@ TEST(ImuFaults, ValuesThatAreNotFiniteOrImpossibleChangeNothing) {
   const FaultRun run = runStream(stream, rig, VioOptions());
   expectSameOdometry(clean, run);
   EXPECT_GT(bad, 25U);
-  EXPECT_EQ(run.last().update.counters.imu_not_finite, bad);
+  EXPECT_EQ(run.last().update.counters.imu_unusable, bad);
   EXPECT_EQ(run.last().update.counters.resets, 0U);
 }
 
@@ -84,7 +84,7 @@ TEST(ImuFaults, OneWrongSampleNowAndThenIsLeftOut) {
     EXPECT_FALSE(run.firstFrom(first.time, false)) << "an image without odometry";
     EXPECT_EQ(run.last().update.counters.resets, 0U);
     EXPECT_GT(wrong, 12U);
-    EXPECT_EQ(run.last().update.counters.imu_not_finite, wrong);
+    EXPECT_EQ(run.last().update.counters.imu_unusable, wrong);
     EXPECT_LT(driftBetween(first, run.last()), 0.1);
     expectCalibrated(run, stream.data(), 0.1, 0.01);
   }

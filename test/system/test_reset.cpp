@@ -110,6 +110,39 @@ TEST(Reset, WhatIsKnownIsToldBeforeTheNextImage) {
   }
 }
 
+// Also before the first one.
+TEST(Reset, WhatWasGivenIsToldBeforeTheFirstImage) {
+  const Stream stream = eurocStream(11, 1.0);
+  const RigModel rig = calibratedRig(stream.data());
+  VioSystem system(rig, VioOptions(), [](const VioUpdate&) {});
+  EXPECT_TRUE(system.calibrationKnown());
+  EXPECT_TRUE(identical(system.lastUpdate().calibration.T_imu_cam, rig.extrinsics_prior->T_imu_cam));
+  EXPECT_LT(system.lastUpdate().calibration.covariance.diagonal().maxCoeff(), 0.01);
+  EXPECT_NE(system.lastUpdate().reason.find("waiting for an image"), std::string::npos);
+  EXPECT_TRUE(system.freeze({true, true, true}));
+  EXPECT_TRUE(identical(system.lastUpdate().calibration.T_imu_cam, rig.extrinsics_prior->T_imu_cam));
+}
+
+// Held in the rotation step, and through the reset that follows.
+TEST(Reset, AHeldTimeOffsetKeepsEveryBitBeforeTheOdometry) {
+  FeatureSimulationOptions simulation = FeatureSimulationOptions::euroc(12);
+  simulation.motion.duration = 8.0;
+  simulation.random_rig.td = 0.03;
+  const Stream stream(simulateFeatures(simulation));
+  double held = 0.0;
+  const auto script = [&held, done = false](double, VioSystem* system) mutable {
+    if (done || system->lastUpdate().state != VioState::kCalibratingTranslation) return;
+    done = true;
+    ASSERT_TRUE(system->freeze({false, false, true}));
+    held = system->lastUpdate().calibration.td;
+    system->reset(true);
+    EXPECT_EQ(system->lastUpdate().calibration.td, held);
+  };
+  const FaultRun run = runStream(stream, stream.data().rig.rig, VioOptions(), script);
+  EXPECT_NE(held, 0.0) << "nothing was known of it yet";
+  for (const FaultRecord& r : run.between(4.1, 8.0)) ASSERT_EQ(r.update.calibration.td, held) << r.time;
+}
+
 TEST(Reset, ManyInARowBeforeThereIsAnEstimateLoseNeitherPoseNorCalibration) {
   const Stream stream = eurocStream(14, kDuration);
   const auto script = [done = 0](double time, VioSystem* system) mutable {

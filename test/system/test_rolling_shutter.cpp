@@ -81,6 +81,25 @@ TEST(RollingShutter, TracksWithoutAVelocityAreLeftOut) {
   EXPECT_TRUE(shutter.correct(frame).features.empty());
 }
 
+// The image before under a new stamp is no sighting: the velocities of those after it do not see it.
+TEST(RollingShutter, ARepeatedImageLeavesTheVelocitiesAlone) {
+  RollingShutter steady(kReadoutTime, 480), repeated(kReadoutTime, 480);
+  FeatureFrame frame;
+  frame.features.resize(1);
+  frame.features[0].pixel = Eigen::Vector2d(100.0, 480.0);
+  for (int i = 0; i < 10; ++i) {
+    frame.stamp = i * kNsPerSecond / 10;
+    frame.features[0].normalized.x() = 0.1 * i;
+    const FeatureFrame with = repeated.correct(frame), without = steady.correct(frame);
+    ASSERT_EQ(with.features.size(), without.features.size()) << i;
+    if (i == 0) continue;  // no velocity yet
+    EXPECT_NEAR(with.features[0].normalized.x(), without.features[0].normalized.x(), 1e-12) << i;
+    if (i < 3) continue;
+    frame.stamp += kNsPerSecond / 20;
+    EXPECT_EQ(repeated.correct(frame).features[0].normalized, frame.features[0].normalized);
+  }
+}
+
 TEST(RollingShutter, CalibratesWithAKnownReadoutTime) {
   FeatureSimulationOptions simulation = rolling(FeatureSimulationOptions::euroc(5));
   simulation.motion.duration = 25.0;

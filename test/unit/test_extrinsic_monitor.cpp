@@ -202,12 +202,25 @@ TEST(ExtrinsicMonitor, AConvergedEstimateIsGivenUpOnlyWellBeyondTheLimits) {
 TEST(ExtrinsicMonitor, ObservableIsJudgedPerAxis) {
   for (int axis = 0; axis < 6; ++axis) {
     ExtrinsicMonitor monitor{ExtrinsicMonitorOptions()};
-    monitor.add(withSigma(0.0, axis, axis < 3 ? 0.3 : 0.5));
+    CalibrationSample sample = withSigma(0.0, axis, axis < 3 ? 0.3 : 0.5);
+    sample.T_BC.rotation.setIdentity();
+    monitor.add(sample);
     for (int i = 0; i < 3; ++i) {
       EXPECT_EQ(monitor.translationObservable()[i], i != axis);
       EXPECT_EQ(monitor.rotationObservable()[i], i + 3 != axis);
     }
   }
+}
+
+// The covariance is about the camera's axes, what is told is about the IMU's.
+TEST(ExtrinsicMonitor, ObservableRotationIsAboutTheAxesOfTheImu) {
+  ExtrinsicMonitor monitor{ExtrinsicMonitorOptions()};
+  CalibrationSample sample = withSigma(0.0, 3, 0.5);                               // about x of the camera
+  sample.T_BC.rotation = Eigen::AngleAxisd(M_PI / 2.0, Eigen::Vector3d::UnitZ());  // which is y of the IMU
+  monitor.add(sample);
+  EXPECT_TRUE(monitor.rotationObservable()[0]);
+  EXPECT_FALSE(monitor.rotationObservable()[1]);
+  EXPECT_TRUE(monitor.rotationObservable()[2]);
 }
 
 TEST(ExtrinsicMonitor, NeverConvergesOnWhatIsNotANumber) {

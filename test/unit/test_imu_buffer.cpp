@@ -155,6 +155,24 @@ TEST(ImuBuffer, LargestGap) {
   EXPECT_EQ(buffer.largestGap(kStart + 402 * kMs, kStart + 403 * kMs), 5 * kMs);
 }
 
+// Whatever the rate, which no file has to tell.
+TEST(ImuBuffer, MarksTheSamplesThatEndAGap) {
+  for (const TimeNs period : {2 * kMs, 5 * kMs, 40 * kMs}) {
+    ImuBuffer buffer(100 * kNsPerSecond);
+    TimeNs stamp = kStart;
+    for (int i = 0; i < 300; ++i) buffer.add(linearSample(stamp += i % 3 == 0 ? 2 * period : period));
+    const TimeNs silence = stamp;
+    buffer.add(linearSample(stamp += 12 * period));
+    for (int i = 0; i < 20; ++i) buffer.add(linearSample(stamp += period));
+    for (const ImuSample& sample : buffer.slice(buffer.oldest(), silence)) EXPECT_EQ(sample.gap, 0);
+    // Images that cut the gap find its whole length.
+    for (const ImuSample& sample : buffer.slice(silence + period, silence + 3 * period))
+      EXPECT_EQ(sample.gap, 12 * period);
+    const std::vector<ImuSample> across = buffer.slice(silence - period, stamp);
+    EXPECT_EQ(std::count_if(across.begin(), across.end(), [](const ImuSample& s) { return s.gap > 0; }), 1);
+  }
+}
+
 TEST(ImuBuffer, ForgetsWhatIsOlderThanTheHorizon) {
   const TimeNs horizon = 100 * kMs;
   ImuBuffer buffer(horizon);

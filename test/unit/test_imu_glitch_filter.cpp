@@ -67,6 +67,17 @@ TEST(ImuGlitchFilter, LeavesOutOneWrongValue) {
   }
 }
 
+TEST(ImuGlitchFilter, AHugeWrongValueDoesNotHideTheNext) {
+  const Filtered result = filter([](int k, ImuSample* sample) {
+    if (k == 200) sample->acceleration.x() += 5000.0;
+    if (k == 240) sample->acceleration.y() -= 100.0;
+    return true;
+  });
+  EXPECT_EQ(result.left_out, 2);
+  EXPECT_FALSE(result.has(200 * kPeriod));
+  EXPECT_FALSE(result.has(240 * kPeriod));
+}
+
 TEST(ImuGlitchFilter, AStepOrABlowStays) {
   const Filtered step = filter([](int k, ImuSample* sample) {
     if (k >= 200) sample->acceleration.z() += 60.0;
@@ -95,7 +106,7 @@ TEST(ImuGlitchFilter, VibrationIsNoGlitch) {
 }
 
 TEST(ImuGlitchFilter, LeavesOutAStampOfTheFuture) {
-  for (const double ahead : {0.08, 0.4, 3.0}) {
+  for (const double ahead : {0.007, 0.012, 0.02, 0.08, 0.4, 3.0}) {
     const Filtered result = filter([&](int k, ImuSample* sample) {
       if (k == 200) sample->stamp += fromSeconds(ahead);
       return true;

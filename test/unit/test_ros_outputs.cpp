@@ -257,7 +257,7 @@ TEST(StatusConversion, CarriesFiniteNumbersOnly) {
   update.calibration.sigma_gyroscope_bias.setConstant(infinity);
   update.calibration.covariance(2, 2) = std::numeric_limits<double>::quiet_NaN();
   update.calibration.td = 0.003;
-  update.counters.imu_not_finite = 2;
+  update.counters.imu_unusable = 2;
   update.counters.imu_out_of_order = 3;
   const CalibrationStatus status = toStatus(update, "imu");
   EXPECT_DOUBLE_EQ(status.sigma_time_offset, 1e6);

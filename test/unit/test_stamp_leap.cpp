@@ -1,4 +1,4 @@
-#include "autocal_vio/pipeline/stamp_leap.h"
+#include "autocal_vio/common/stamp_leap.h"
 
 #include <gtest/gtest.h>
 

@@ -6,11 +6,14 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "autocal_vio/geometry/transform.h"
 
 namespace autocal_vio {
+
+constexpr int kLargestImage = 20000;  ///< either side [px]
 
 /// Parses a YAML file whose top level is a map. Nothing on failure, with the reason added to `problems`.
 /// OpenCV's "%YAML:1.0" header, which the standard does not know, is accepted.
@@ -35,6 +38,8 @@ class YamlSection {
   /// `size` finite numbers; `meaning` is what the problem says was expected.
   std::optional<std::vector<double>> numbers(const std::string& key, std::size_t size,
                                              const std::string& meaning);
+  /// Width and height of an image [px], whole numbers within [1, kLargestImage].
+  std::optional<std::pair<int, int>> resolution(const std::string& key);
   /// A homogeneous 4x4 matrix, as four rows of four or as OpenCV's {rows, cols, data}.
   std::optional<Transform> transform(const std::string& key);
   std::optional<YamlSection> section(const std::string& key);

@@ -37,6 +37,12 @@ struct CalibrationPrior {
   Eigen::Vector3d sigma_rotation = Eigen::Vector3d::Constant(10.0);    ///< [rad]
   double td = 0.0;
   double sigma_td = 0.05;  ///< [s]
+
+  /// Says less of the extrinsics, by these variances of translation and rotation [m^2, rad^2].
+  void widen(const Eigen::Array2d& variances) {
+    sigma_translation = (sigma_translation.array().square() + variances(0)).sqrt();
+    sigma_rotation = (sigma_rotation.array().square() + variances(1)).sqrt();
+  }
 };
 
 /// Of position and yaw where an estimate begins, which no measurement tells: far below what is estimated, well conditioned.
@@ -140,7 +146,8 @@ class VisualInertialGraph {
   void appendCalibrationPrior(std::vector<Factor>* factors) const;
   std::vector<Factor> allFactors(Depths depths) const;
   void forgetExtrinsics();
-  LinearSystem withWalk(LinearSystem system, const std::vector<BlockKey>& keys, double seconds);
+  Eigen::Array2d mountWalk(double seconds) const;
+  LinearSystem withWalk(LinearSystem system, const std::vector<BlockKey>& keys, double seconds) const;
   void setPrior(const std::vector<BlockKey>& keys, const LinearSystem& system);
 
   GraphOptions options_;

@@ -16,7 +16,8 @@ class ImuBuffer {
 
   explicit ImuBuffer(TimeNs horizon) : horizon_(horizon) {}
 
-  /// Adds a sample newer than all before; anything else is refused and leaves the buffer as it was.
+  /// Adds a sample newer than all before; anything else is refused and leaves the buffer as it was. Where it comes after
+  /// more than five usual intervals it ends a gap.
   AddResult add(const ImuSample& sample);
 
   /// Linear interpolation at `stamp`; nothing outside the buffered span.
@@ -37,11 +38,15 @@ class ImuBuffer {
   TimeNs oldest() const { return samples_.front().stamp; }
   TimeNs newest() const { return samples_.back().stamp; }
   std::size_t size() const { return samples_.size(); }
-  void clear() { samples_.clear(); }
+  void clear();
 
  private:
+  TimeNs gapBefore(TimeNs interval);
+
   TimeNs horizon_;
   std::deque<ImuSample> samples_;
+  double usual_interval_ = 0.0;  ///< mean of late [ns]
+  int intervals_ = 0;            ///< that are in it, up to its memory
 };
 
 }  // namespace autocal_vio

@@ -5,6 +5,7 @@
 #include <optional>
 #include <vector>
 
+#include "autocal_vio/common/stamp_leap.h"
 #include "autocal_vio/imu/imu_types.h"
 
 namespace autocal_vio {
@@ -19,7 +20,7 @@ class ImuGlitchFilter {
   };
 
   /// The next sample of the stream. A value is far from the one before by 2 rad/s or 20 m/s^2 and ten times what is usual of
-  /// late, a stamp by 50 ms and three times the last interval.
+  /// late, a stamp where it has leapt (StampLeap). What does not go on from before the one that waits goes on from that.
   Passed add(const ImuSample& sample);
 
   void clear() { *this = ImuGlitchFilter(); }
@@ -31,7 +32,8 @@ class ImuGlitchFilter {
     double mean_square = 0.0;  ///< of the last hundred or so
     bool held_is_far = false;  ///< that of the sample that waits
 
-    bool isFar(double step) const;
+    bool isFar(double step) const { return step > limit(); }
+    double limit() const;
     void learn(double step);
   };
 
@@ -41,7 +43,7 @@ class ImuGlitchFilter {
   void learn(const ImuSample& sample);
 
   std::optional<ImuSample> last_, held_;
-  TimeNs interval_ = 0;  ///< between the last two
+  StampLeap leap_;
   Steps gyroscope_{2.0}, accelerometer_{20.0};
 };
 

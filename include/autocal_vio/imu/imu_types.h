@@ -9,7 +9,7 @@
 
 namespace autocal_vio {
 
-/// Of position in W, rotation about W's axes, velocity in W, gyroscope and accelerometer bias in B [m, rad, m/s, rad/s, m/s^2].
+/// Over the 15 error states of a motion; whoever uses it says in which frames.
 using Matrix15d = Eigen::Matrix<double, 15, 15>;
 
 /// One IMU reading, in the IMU body frame B.
@@ -17,10 +17,12 @@ struct ImuSample {
   TimeNs stamp = 0;
   Eigen::Vector3d angular_velocity = Eigen::Vector3d::Zero();  ///< [rad/s]
   Eigen::Vector3d acceleration = Eigen::Vector3d::Zero();      ///< specific force [m/s^2], +g upwards at rest
-  TimeNs interval =
-      0;  ///< since the sensor's sample before, also where this one is interpolated; 0: not known
+  /// Length of the sensor's silence that ends here, or in which this one is interpolated; 0: none, or not known.
+  TimeNs gap = 0;
 
   bool isFinite() const { return angular_velocity.allFinite() && acceleration.allFinite(); }
+  /// Finite and within what any sensor can measure: 300 rad/s, 10^4 m/s^2.
+  bool isPlausible() const;
 };
 
 /// Continuous-time noise densities, Kalibr's key names. A property of the sensor.

@@ -10,7 +10,6 @@
 
 namespace autocal_vio {
 
-using Matrix15d = Eigen::Matrix<double, 15, 15>;
 using Vector9d = Eigen::Matrix<double, 9, 1>;
 
 /// Order of the 15 error states, everywhere: position, rotation, velocity, gyroscope bias, accelerometer

@@ -29,7 +29,7 @@ class Propagator {
   explicit Propagator(double gravity_magnitude, TimeNs horizon = 2 * kNsPerSecond);
 
   /// Adds a sample and carries the state on to it. Nothing while no state is known, when the sample is not
-  /// newer than the last (or not finite), or may be a glitch (the next one tells), or when the last state is older than
+  /// newer than the last (or not plausible), or may be a glitch (the next one tells), or when the last state is older than
   /// the horizon.
   std::optional<MotionState> add(const ImuSample& sample);
 

@@ -1,6 +1,6 @@
 // Joint robust least squares over camera-IMU rotation, gyroscope bias and time offset.
 //
-// The paper's rotation step ignores the gyroscope bias and names that as its weakness; here the three unknowns that a
+// The paper's rotation step ignores the gyroscope bias and names that as its weakness; here the unknowns that a
 // rotation pair depends on are estimated together, whitened by the covariance of camera and gyroscope.
 #pragma once
 

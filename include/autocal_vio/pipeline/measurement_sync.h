@@ -6,10 +6,10 @@
 #include <optional>
 #include <string>
 
+#include "autocal_vio/common/stamp_leap.h"
 #include "autocal_vio/frontend/feature.h"
 #include "autocal_vio/imu/imu_buffer.h"
 #include "autocal_vio/imu/imu_glitch_filter.h"
-#include "autocal_vio/pipeline/stamp_leap.h"
 
 namespace autocal_vio {
 
@@ -26,8 +26,8 @@ class MeasurementSync {
 
   enum class ImuVerdict { kAdded, kGlitchLeftOut, kNotFinite, kOutOfOrder, kTimeJumpedBack };
   /// A sample more than a second older than the last is a jump of the clock, not mere disorder. Values no sensor can
-  /// give count as not finite. A sample that may be a glitch waits for the next one; kGlitchLeftOut: it was, and this one is
-  /// added.
+  /// give count as not finite. A sample that may be a glitch waits for the next one; kGlitchLeftOut: it was one, this one is none
+  /// of its kind.
   ImuVerdict addImu(const ImuSample& sample);
 
   enum class FrameVerdict { kAdded, kOutOfOrder, kTimeJumpedBack };

@@ -63,6 +63,8 @@ class Session {
   const std::set<std::int64_t>* wanderingTracks() const {
     return estimator_ ? &estimator_->graph().landmarkMap().wanderingTracks() : nullptr;
   }
+  /// The time offset as it is held; nothing while it is free.
+  std::optional<TimeOffsetPrior> heldTimeOffset() const;
   /// Pose of the last sound estimate in the odometry frame.
   const std::optional<Transform>& lastPose() const { return last_pose_; }
 

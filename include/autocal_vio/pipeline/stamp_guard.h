@@ -3,8 +3,8 @@
 
 #include <optional>
 
+#include "autocal_vio/common/stamp_leap.h"
 #include "autocal_vio/common/time.h"
-#include "autocal_vio/pipeline/stamp_leap.h"
 
 namespace autocal_vio {
 

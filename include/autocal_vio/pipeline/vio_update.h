@@ -95,7 +95,7 @@ struct VioCounters {
   std::uint64_t images_processed = 0;
   std::uint64_t images_dropped = 0;    ///< refused or skipped, for whatever reason
   std::uint64_t images_uncovered = 0;  ///< of these: never covered by IMU samples
-  std::uint64_t imu_not_finite = 0;    ///< or beyond what any sensor can measure, or a glitch
+  std::uint64_t imu_unusable = 0;      ///< or beyond what any sensor can measure, or a glitch
   std::uint64_t imu_out_of_order = 0;
   std::uint64_t resets = 0;
 };
