@@ -26,8 +26,9 @@ MeasurementSync::ImuVerdict MeasurementSync::addImu(const ImuSample& sample) {
 }
 
 MeasurementSync::FrameVerdict MeasurementSync::addFrame(PendingFrame frame, bool* dropped) {
-  *dropped = refutesLast(frame.stamp);
-  if (*dropped) {
+  *dropped = false;
+  const bool replaces = refutesLast(frame.stamp);
+  if (replaces) {
     frames_.pop_back();
   } else if (has_frame_ && frame.stamp <= newest_frame_) {
     return frame.stamp < newest_frame_ - kJump ? FrameVerdict::kTimeJumpedBack : FrameVerdict::kOutOfOrder;
@@ -41,7 +42,7 @@ MeasurementSync::FrameVerdict MeasurementSync::addFrame(PendingFrame frame, bool
     frames_.pop_front();
     *dropped = true;
   }
-  return FrameVerdict::kAdded;
+  return replaces ? FrameVerdict::kReplacesLast : FrameVerdict::kAdded;
 }
 
 std::optional<PendingFrame> MeasurementSync::pop(double td, int* dropped) {

@@ -92,7 +92,8 @@ class VioSystem::Impl {
       setProblem(problem, "the image's stamp is not newer than the last");
       return false;
     }
-    counters_.images_dropped += dropped;
+    counters_.images_dropped += verdict == MeasurementSync::FrameVerdict::kReplacesLast;
+    countUncovered(dropped ? 1 : 0);
     processReady();
     return true;
   }

@@ -99,8 +99,8 @@ TEST(MeasurementSync, AnImageOfTheFutureIsDroppedForTheNext) {
     goSteadily(&sync);
     sync.addFrame(frameAt((550 + ahead) * kMs), &dropped);
     EXPECT_EQ(popUntil(&sync, 600), Stamps());
-    EXPECT_EQ(sync.addFrame(frameAt(600 * kMs), &dropped), MeasurementSync::FrameVerdict::kAdded);
-    EXPECT_TRUE(dropped);
+    EXPECT_EQ(sync.addFrame(frameAt(600 * kMs), &dropped), MeasurementSync::FrameVerdict::kReplacesLast);
+    EXPECT_FALSE(dropped);
     EXPECT_EQ(sync.framesWaiting(), 1u);
     popUntil(&sync, 645);
     EXPECT_EQ(sync.addFrame(frameAt(650 * kMs), &dropped), MeasurementSync::FrameVerdict::kAdded);
@@ -117,8 +117,7 @@ TEST(MeasurementSync, AnImageOfTheFutureWaitsForTheNextEvenIfTheImuCoversIt) {
   EXPECT_EQ(popUntil(&sync, 800), Stamps());
   sync.addFrame(frameAt(750 * kMs), &dropped);
   EXPECT_EQ(popUntil(&sync, 850), Stamps());
-  sync.addFrame(frameAt(600 * kMs), &dropped);
-  EXPECT_TRUE(dropped);
+  EXPECT_EQ(sync.addFrame(frameAt(600 * kMs), &dropped), MeasurementSync::FrameVerdict::kReplacesLast);
   sync.addFrame(frameAt(650 * kMs), &dropped);
   EXPECT_EQ(popUntil(&sync, 855), Stamps({600, 650}));
 }

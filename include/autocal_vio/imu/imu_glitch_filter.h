@@ -19,7 +19,7 @@ class ImuGlitchFilter {
     bool left_out = false;           ///< the one that waited was wrong
   };
 
-  /// The next sample of the stream. A value is far from the one before by 2 rad/s or 20 m/s^2 and ten times what is usual of
+  /// The next sample of the stream. A value is far from the one before by 1 rad/s or 10 m/s^2 and ten times what is usual of
   /// late, a stamp where it has leapt (StampLeap). What does not go on from before the one that waits goes on from that.
   Passed add(const ImuSample& sample);
 
@@ -44,7 +44,7 @@ class ImuGlitchFilter {
 
   std::optional<ImuSample> last_, held_;
   StampLeap leap_;
-  Steps gyroscope_{2.0}, accelerometer_{20.0};
+  Steps gyroscope_{1.0}, accelerometer_{10.0};
 };
 
 }  // namespace autocal_vio

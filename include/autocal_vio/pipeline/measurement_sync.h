@@ -30,9 +30,9 @@ class MeasurementSync {
   /// of its kind.
   ImuVerdict addImu(const ImuSample& sample);
 
-  enum class FrameVerdict { kAdded, kOutOfOrder, kTimeJumpedBack };
-  /// Keeps the newest images only; `dropped` says whether one had to go: the oldest, or the last, whose stamp was ahead of its
-  /// time as this one shows.
+  enum class FrameVerdict { kAdded, kReplacesLast, kOutOfOrder, kTimeJumpedBack };
+  /// kReplacesLast: added, and shows that the stamp of the last one was ahead of its time, which is dropped. Keeps the newest
+  /// images only; `dropped` says whether the oldest had to go.
   FrameVerdict addFrame(PendingFrame frame, bool* dropped);
 
   /// The oldest waiting image if the IMU covers its stamp + td; one whose stamp has leapt waits for the next image, too, as
