@@ -6,6 +6,12 @@
 
 namespace autocal_vio {
 
+std::string silenceText(double gap) {
+  std::ostringstream text;
+  text << "the IMU was silent for " << gap << " s";
+  return text.str();
+}
+
 bool appendPredictedFrame(const FeatureFrame& frame, const ImuBuffer& imu, const ImuNoise& noise,
                           VisualInertialGraph* graph, std::string* problem) {
   const FrameState& last = graph->frames().back();
@@ -18,9 +24,7 @@ bool appendPredictedFrame(const FeatureFrame& frame, const ImuBuffer& imu, const
   }
   const double gap = toSeconds(imu.largestGap(begin, end));
   if (gap > kLongestBridgedGap) {
-    std::ostringstream text;
-    text << "the IMU was silent for " << gap << " s";
-    *problem = text.str();
+    *problem = silenceText(gap);
     return false;
   }
   FrameState state;

@@ -28,6 +28,7 @@ constexpr double kStandingSpeed = 0.1;  // [m/s] an estimate of more, by kStandi
 constexpr double kStandingSigmas = 5.0;
 constexpr std::size_t kKeyframesForDepth = 3;  // after standing, until depths are known again
 constexpr int kMostSingular = 5;               // covariances in a row
+constexpr double kLongestUnseenGap = 0.5;      // [s] without IMU samples, where no image ties both its ends
 constexpr double kLargestSpeed = 100.0;        // [m/s]
 constexpr double kLargestGyroBias = 1.0;       // [rad/s]
 constexpr double kLargestAccelBias = 5.0;      // [m/s^2]
@@ -39,6 +40,16 @@ bool hasJustSetOff(const VisualInertialGraph& graph) {
   for (std::size_t i = 1; i <= std::min(kKeyframesForDepth, last); ++i)
     if (frames[last - i].standstill) return true;
   return false;
+}
+
+// Not across a gap, nor for some keyframes after it, before the velocity is as well known as ever.
+bool isPredictionSharp(const VisualInertialGraph& graph) {
+  const std::deque<FrameState>& frames = graph.frames();
+  const std::size_t count = std::min(kKeyframesForDepth + 1, frames.size());
+  return std::none_of(frames.rbegin(), frames.rbegin() + static_cast<std::ptrdiff_t>(count),
+                      [](const FrameState& frame) {
+                        return frame.preintegration && frame.preintegration->longestGap() > 0.0;
+                      });
 }
 
 }  // namespace
@@ -73,6 +84,7 @@ EstimatorResult SlidingWindowEstimator::process(const FeatureFrame& frame, const
   problem = findLoss(frame.stamp);
   if (!problem.empty() || !appendPredictedFrame(frame, imu, noise_.noise(), &graph_, &problem))
     return fail(problem, CalibrationTrust::kAll);
+  newest_gap_ = newest().preintegration->longestGap();
   // The same image under another stamp.
   if (unmoved_tracks_.look(frame.features) && medianPredictionError(graph_) > kMovedSinceRepeated) {
     blindNewest();
@@ -104,6 +116,9 @@ EstimatorResult SlidingWindowEstimator::estimate(EstimatorResult result, bool re
   const std::string problem = findFault();
   if (!problem.empty()) return fail(problem, CalibrationTrust::kConverged);
   const bool sighted = newestIsTied();
+  if (!sighted && newest_gap_ > kLongestUnseenGap)
+    return fail(silenceText(newest_gap_) + ", and no image tells what came in between",
+                CalibrationTrust::kAll);
   if (newest_is_keyframe_) graph_.dropOutliers(graph_.outlierThreshold());
   if (sighted) {
     last_sighted_ = newest().stamp;
@@ -112,7 +127,7 @@ EstimatorResult SlidingWindowEstimator::estimate(EstimatorResult result, bool re
     blind_drift_ = std::max(blind_drift_, driftSinceSighted());
   }
   // What is known of the velocity drops at once, and what holds for the last keyframe does not tell.
-  if (newest().preintegration->bridgesGap()) updateCovariance(newest().id);
+  if (newest().preintegration->longestGap() > 0.0) updateCovariance(newest().id);
   keyframe_unfinished_ = newest_is_keyframe_;
   return result;
 }
@@ -160,9 +175,8 @@ std::string SlidingWindowEstimator::stand(const ImuBuffer& imu) {
 // nothing is changed.
 bool SlidingWindowEstimator::mountIsAtRest(EstimatorResult* result) {
   const FrameState& before = graph_.frames()[graph_.frames().size() - 2];
-  // Across a gap the prediction is not sharp.
-  const double interval = newest().preintegration->bridgesGap() ? std::numeric_limits<double>::infinity()
-                                                                : toSeconds(newest().stamp - before.stamp);
+  const double interval = isPredictionSharp(graph_) ? toSeconds(newest().stamp - before.stamp)
+                                                    : std::numeric_limits<double>::infinity();
   const BumpDetector::Mount mount = bump_detector_.look(graph_, interval, standing());
   if (mount == BumpDetector::Mount::kAtRest) return true;
   if (mount == BumpDetector::Mount::kMoving) {

@@ -100,7 +100,7 @@ ImuNoise scaled(const ImuNoise& noise, const NoiseFactors& factors) {
 void NoiseAdaptation::addInterval(const VisualInertialGraph& graph, const GraphCovariance& covariance,
                                   std::size_t index) {
   const FrameState &i = graph.frames()[index - 1], &j = graph.frames()[index];
-  if (j.preintegration->bridgesGap()) return;  // it shows how the rig has moved meanwhile
+  if (j.preintegration->longestGap() > 0.0) return;  // it shows how the rig has moved meanwhile
   Vector9d r;
   Matrix9x30d A;
   intervalResidual(i, j, graph.gravity_W(), &r, &A);

@@ -44,9 +44,10 @@ Preintegration::Preintegration(std::vector<ImuSample> samples, const ImuBias& bi
   repropagate(bias, noise);
 }
 
-bool Preintegration::bridgesGap() const {
-  return std::any_of(samples_.begin() + 1, samples_.end(),
-                     [](const ImuSample& sample) { return sample.gap > 0; });
+double Preintegration::longestGap() const {
+  TimeNs longest = 0;
+  for (std::size_t i = 1; i < samples_.size(); ++i) longest = std::max(longest, samples_[i].gap);
+  return toSeconds(longest);
 }
 
 void Preintegration::repropagate(const ImuBias& bias, const ImuNoise& noise) {

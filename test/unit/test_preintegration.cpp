@@ -368,7 +368,7 @@ TEST(Preintegration, WhatAGapMissesIsWithinItsNoise) {
       for (const double t : {0.0, 0.005, 0.005 + gap, 0.01 + gap}) buffer.add(sample(t));
       const Preintegration bridged(buffer.slice(fromSeconds(0.005), fromSeconds(0.005 + gap)), ImuBias(),
                                    ImuNoise());
-      EXPECT_TRUE(bridged.bridgesGap());
+      EXPECT_NEAR(bridged.longestGap(), gap, 1e-9);
       const double truth =
           2.0 / kOmega * (std::cos(kOmega * 0.005 + phase) - std::cos(kOmega * (0.005 + gap) + phase));
       squares += std::pow(bridged.increment().velocity.x() - truth, 2) / kPhases;
@@ -395,11 +395,11 @@ TEST(Preintegration, AGapsNoiseStaysWithItsSteps) {
   };
   const auto variance = [](const Preintegration& pre) { return pre.covariance()(kVelocity, kVelocity); };
   const double usual = std::pow(noise.accelerometer_noise_density, 2);
-  EXPECT_FALSE(between(0, 15).bridgesGap());
-  EXPECT_FALSE(between(120, 150).bridgesGap());
+  EXPECT_EQ(between(0, 15).longestGap(), 0.0);
+  EXPECT_EQ(between(120, 150).longestGap(), 0.0);
   EXPECT_NEAR(variance(between(120, 150)), usual * 0.03, 1e-15);
   const Preintegration first = between(0, 50), second = between(50, 100), third = between(100, 150);
-  for (const Preintegration* part : {&first, &second, &third}) EXPECT_TRUE(part->bridgesGap());
+  for (const Preintegration* part : {&first, &second, &third}) EXPECT_NEAR(part->longestGap(), 0.105, 1e-12);
   const double whole = variance(between(0, 150));
   EXPECT_GT(whole, 50.0 * usual * 0.15);
   Preintegration joined = first.joined(second).joined(third);

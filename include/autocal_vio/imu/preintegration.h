@@ -30,7 +30,7 @@ struct ImuIncrement {
 };
 
 /// Longest gap without IMU samples [s] that is bridged by interpolation.
-constexpr double kLongestBridgedGap = 0.5;
+constexpr double kLongestBridgedGap = 1.0;
 
 /// White noise of the step that ends with this sample: larger across a gap, docs/derivation.md (D72).
 ImuNoise noiseOfStep(const ImuSample& end, const ImuNoise& noise);
@@ -59,8 +59,8 @@ class Preintegration {
   const ImuIncrement& increment() const { return increment_; }
   const ImuBias& linearizationBias() const { return bias_; }
   const ImuNoise& noise() const { return noise_; }
-  /// Samples are missing in it.
-  bool bridgesGap() const;
+  /// Longest time for which samples are missing that it has a part in [s]; 0 where none are.
+  double longestGap() const;
   const std::vector<ImuSample>& samples() const { return samples_; }
 
   /// Covariance of the error states at the end (StateOrder), bias random walks included.
