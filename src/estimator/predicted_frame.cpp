@@ -6,12 +6,6 @@
 
 namespace autocal_vio {
 
-std::string silenceText(double gap) {
-  std::ostringstream text;
-  text << "the IMU was silent for " << gap << " s";
-  return text.str();
-}
-
 bool appendPredictedFrame(const FeatureFrame& frame, const ImuBuffer& imu, const ImuNoise& noise,
                           VisualInertialGraph* graph, std::string* problem) {
   const FrameState& last = graph->frames().back();
@@ -24,7 +18,9 @@ bool appendPredictedFrame(const FeatureFrame& frame, const ImuBuffer& imu, const
   }
   const double gap = toSeconds(imu.largestGap(begin, end));
   if (gap > kLongestBridgedGap) {
-    *problem = silenceText(gap);
+    std::ostringstream text;
+    text << "the IMU was silent for " << gap << " s";
+    *problem = text.str();
     return false;
   }
   FrameState state;

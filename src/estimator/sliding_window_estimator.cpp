@@ -28,7 +28,6 @@ constexpr double kStandingSpeed = 0.1;  // [m/s] an estimate of more, by kStandi
 constexpr double kStandingSigmas = 5.0;
 constexpr std::size_t kKeyframesForDepth = 3;  // after standing, until depths are known again
 constexpr int kMostSingular = 5;               // covariances in a row
-constexpr double kLongestUnseenGap = 0.5;      // [s] without IMU samples, where no image ties both its ends
 constexpr double kLargestSpeed = 100.0;        // [m/s]
 constexpr double kLargestGyroBias = 1.0;       // [rad/s]
 constexpr double kLargestAccelBias = 5.0;      // [m/s^2]
@@ -84,7 +83,6 @@ EstimatorResult SlidingWindowEstimator::process(const FeatureFrame& frame, const
   problem = findLoss(frame.stamp);
   if (!problem.empty() || !appendPredictedFrame(frame, imu, noise_.noise(), &graph_, &problem))
     return fail(problem, CalibrationTrust::kAll);
-  newest_gap_ = newest().preintegration->longestGap();
   // The same image under another stamp.
   if (unmoved_tracks_.look(frame.features) && medianPredictionError(graph_) > kMovedSinceRepeated) {
     blindNewest();
@@ -116,9 +114,6 @@ EstimatorResult SlidingWindowEstimator::estimate(EstimatorResult result, bool re
   const std::string problem = findFault();
   if (!problem.empty()) return fail(problem, CalibrationTrust::kConverged);
   const bool sighted = newestIsTied();
-  if (!sighted && newest_gap_ > kLongestUnseenGap)
-    return fail(silenceText(newest_gap_) + ", and no image tells what came in between",
-                CalibrationTrust::kAll);
   if (newest_is_keyframe_) graph_.dropOutliers(graph_.outlierThreshold());
   if (sighted) {
     last_sighted_ = newest().stamp;

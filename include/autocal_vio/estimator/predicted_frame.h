@@ -8,9 +8,6 @@
 
 namespace autocal_vio {
 
-/// Of a gap of that length [s], in words.
-std::string silenceText(double gap);
-
 /// Appends a frame to a graph, predicted by the IMU from the newest one. False with the problem in words when the
 /// IMU does not cover the interval.
 bool appendPredictedFrame(const FeatureFrame& frame, const ImuBuffer& imu, const ImuNoise& noise,

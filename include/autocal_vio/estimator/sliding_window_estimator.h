@@ -106,7 +106,6 @@ class SlidingWindowEstimator {
   Eigen::Quaterniond covariance_attitude_ = Eigen::Quaterniond::Identity();  ///< of that frame, then
   TimeNs last_sighted_ = 0;   ///< stamp of the last image tied to the window by tracked points
   double blind_drift_ = 0.0;  ///< since then, sigma [m]
-  double newest_gap_ = 0.0;   ///< longest without IMU samples since the image before [s]
   int times_singular_ = 0;    ///< in a row
 };
 

@@ -30,7 +30,7 @@ struct ImuIncrement {
 };
 
 /// Longest gap without IMU samples [s] that is bridged by interpolation.
-constexpr double kLongestBridgedGap = 1.0;
+constexpr double kLongestBridgedGap = 0.5;
 
 /// White noise of the step that ends with this sample: larger across a gap, docs/derivation.md (D72).
 ImuNoise noiseOfStep(const ImuSample& end, const ImuNoise& noise);
