@@ -139,7 +139,6 @@ TEST(ImageFaults, StampsThatJitterMakeTheCalibrationUnsureAndNotWrong) {
   EXPECT_GT(converged, 0U);
 }
 
-// The real tracker: a covered lens, a white wall, and nothing at all.
 bool everSays(const FaultRun& run, const std::string& text) {
   return std::any_of(run.records.begin(), run.records.end(),
                      [&](const FaultRecord& r) { return r.update.reason.find(text) != std::string::npos; });
@@ -258,6 +257,7 @@ TEST(ImageFaults, OneWrongStampDoesNotCondemnARightPrior) {
   }
 }
 
+// The real tracker: a covered lens, a white wall, and nothing at all.
 TEST(ImageFaults, ImagesWithoutAnyTextureAreHarmless) {
   const Stream stream = eurocStream(1, 6.0);
   std::vector<VioUpdate> updates;

@@ -1,11 +1,9 @@
-// Options structs list their fields once, in visitFields(visitor); readers, validators and printers visit
-// them.
+// Options structs list their fields once, in visitFields(visitor); readers, validators and printers visit them.
 //
 // struct FooOptions {
 //   int count = 3;
 //   template <class Visitor> void visitFields(Visitor&& visit) {
-//     visit("count", count, 1, 100, "how many, [-]");          // key, value, smallest, largest, meaning with
-//     unit
+//     visit("count", count, 1, 100, "how many [-]");  // key, value, smallest, largest, meaning with unit
 //   }
 // };
 #pragma once

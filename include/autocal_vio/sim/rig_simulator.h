@@ -1,14 +1,12 @@
 // A camera-IMU rig moving through a textured room: its whole data stream in order of time.
 //
-//   RigSimulator simulator(options);                    // or (options,
-//   loadRigFile("config/simulated_rig.yaml")) while (const std::optional<RigEvent> event = simulator.next())
-//   {
-//     sleep until event->time, when live                // the instant at which it happens, IMU clock
-//     if (event->type == RigEventType::kImu) publish event->imu
-//     else publish simulator.renderImage(*event) stamped event->stamp, and event->truth
+//   RigSimulator simulator(options);  // or (options, loadRigFile("config/simulated_rig.yaml"))
+//   while (const std::optional<RigEvent> event = simulator.next()) {
+//     // when live: sleep until event->time, the instant at which it happens, IMU clock
+//     if (event->type == RigEventType::kImu) publish(event->imu);
+//     else publish(simulator.renderImage(*event), event->stamp, event->truth);
 //   }
-//   simulator.bump(T_CCnew);                            // at any time: the mount moves for all images after
-//   it
+//   simulator.bump(T_CCnew);  // at any time: the mount moves for all images after it
 //
 // Deterministic: the same options give the same bytes, whichever images are rendered. Own it from one thread.
 #pragma once
