@@ -119,6 +119,20 @@ TEST(GuardedSource, OneWildStampCostsThatEntryOnly) {
 }
 
 // The guard asks for three stamps that agree before it believes that the first one was behind.
+// Whatever it is that is wrong, what follows is not; MeasurementSync and ImuGlitchFilter leave out the one that was ahead.
+TEST(GuardedSource, WhatFollowsAStampALittleAheadIsRead) {
+  Stamps imu = regular(kImuStep), images = regular(kImageStep);
+  images[40] += kNsPerSecond / 5;
+  imu[300] += kNsPerSecond / 50;
+  const Read read = readAll(imu, images);
+  EXPECT_EQ(read.images, images);
+  EXPECT_EQ(read.imu, imu);
+  EXPECT_EQ(read.bad_images + read.bad_imu, 0u);
+  ASSERT_EQ(read.warnings.size(), 2u);
+  for (const std::string& warning : read.warnings)
+    EXPECT_NE(warning.find("behind the one before, which was ahead"), std::string::npos) << warning;
+}
+
 TEST(GuardedSource, AFirstStampBehindCostsTwoMore) {
   const Stamps imu = regular(kImuStep), images = regular(kImageStep);
   Stamps wild = imu;
