@@ -25,6 +25,12 @@ Vector6d sigmasOf(const Eigen::Matrix<double, 6, 6>& covariance) {
   return sigma;
 }
 
+// Of the rotation, whose covariance is about the camera's axes.
+Eigen::Vector3d rotationSigmasAboutB(const CalibrationSample& sample) {
+  const Eigen::Matrix3d R = sample.T_BC.rotation.toRotationMatrix();
+  return (R * sample.covariance.bottomRightCorner<3, 3>() * R.transpose()).diagonal().cwiseSqrt();
+}
+
 // To two digits, never down to the limit that it exceeds.
 double roundedUp(double value) {
   if (!(value > 0.0) || !std::isfinite(value)) return value;
@@ -79,10 +85,7 @@ void ExtrinsicMonitor::judge() {
   const double sigma_rotation = sigma.tail<3>().maxCoeff(&worst_rotation) * kDegrees;
   const double pull_translation = now.translation_held ? 0.0 : now.pull.head<3>().norm();
   const double pull_rotation = now.rotation_held ? 0.0 : now.pull.tail<3>().norm() * kDegrees;
-  // The covariance is about the camera's axes.
-  const Eigen::Matrix3d R = now.T_BC.rotation.toRotationMatrix();
-  const Eigen::Vector3d sigma_about_B =
-      (R * now.covariance.bottomRightCorner<3, 3>() * R.transpose()).diagonal().cwiseSqrt();
+  const Eigen::Vector3d sigma_about_B = rotationSigmasAboutB(now);
   for (int i = 0; i < 3; ++i) {
     translation_observable_[i] = sigma(i) < kObservableTranslation;
     rotation_observable_[i] = sigma_about_B(i) < kObservableRotation;

@@ -5,10 +5,7 @@
 namespace autocal_vio {
 namespace {
 
-constexpr double kFewestMissing = 5.0;  // samples in a row that make a gap
-constexpr double kMostLearned = 2.0;    // usual intervals, of a longer one
-constexpr int kFewestIntervals = 10;    // that tell what is usual
-constexpr int kMemory = 200;
+constexpr TimeNs kFewestMissing = 5;  // samples in a row that make a gap
 
 ImuSample interpolate(const ImuSample& a, const ImuSample& b, TimeNs stamp) {
   const double u = b.stamp == a.stamp ? 0.0 : toSeconds(stamp - a.stamp) / toSeconds(b.stamp - a.stamp);
@@ -33,29 +30,26 @@ bool later(TimeNs stamp, const ImuSample& sample) {
 ImuBuffer::AddResult ImuBuffer::add(const ImuSample& sample) {
   if (!sample.isFinite()) return AddResult::kNotFinite;
   if (!samples_.empty() && sample.stamp <= samples_.back().stamp) return AddResult::kOutOfOrder;
+  const TimeNs gap = gapBefore(sample.stamp);
   samples_.push_back(sample);
-  samples_.back().gap =
-      samples_.size() > 1 ? gapBefore(sample.stamp - samples_[samples_.size() - 2].stamp) : 0;
+  samples_.back().gap = gap;
   // Two samples always stay, so that a gap longer than the horizon can still be interpolated across.
   while (samples_.size() > 2 && samples_[1].stamp < sample.stamp - horizon_) samples_.pop_front();
   return AddResult::kAdded;
 }
 
-// 0 where `interval` is none. What is usual is learned from the stamps: a rig file may be wrong about it.
-TimeNs ImuBuffer::gapBefore(TimeNs interval) {
-  const double length = static_cast<double>(interval);
-  const bool known = intervals_ >= kFewestIntervals;
-  const bool is_gap = known && length > kFewestMissing * usual_interval_;
-  intervals_ = std::min(intervals_ + 1, kMemory);
-  const double learned = known ? std::min(length, kMostLearned * usual_interval_) : length;
-  usual_interval_ += (learned - usual_interval_) / intervals_;
-  return is_gap ? interval : 0;
+// 0 where there is none. What is usual is learned from the stamps: a rig file may be wrong about it.
+TimeNs ImuBuffer::gapBefore(TimeNs stamp) {
+  const std::optional<TimeNs> usual = stamps_.interval();
+  stamps_.add(stamp);
+  if (samples_.empty() || !usual) return 0;
+  const TimeNs interval = stamp - samples_.back().stamp;
+  return interval > kFewestMissing * *usual ? interval : 0;
 }
 
 void ImuBuffer::clear() {
   samples_.clear();
-  usual_interval_ = 0.0;
-  intervals_ = 0;
+  stamps_.clear();
 }
 
 std::optional<ImuSample> ImuBuffer::at(TimeNs stamp) const {

@@ -5,6 +5,7 @@
 #include <optional>
 #include <vector>
 
+#include "autocal_vio/common/stamp_leap.h"
 #include "autocal_vio/imu/imu_types.h"
 
 namespace autocal_vio {
@@ -41,12 +42,11 @@ class ImuBuffer {
   void clear();
 
  private:
-  TimeNs gapBefore(TimeNs interval);
+  TimeNs gapBefore(TimeNs stamp);
 
   TimeNs horizon_;
   std::deque<ImuSample> samples_;
-  double usual_interval_ = 0.0;  ///< mean of late [ns]
-  int intervals_ = 0;            ///< that are in it, up to its memory
+  StampLeap stamps_;  ///< tells their usual interval
 };
 
 }  // namespace autocal_vio
