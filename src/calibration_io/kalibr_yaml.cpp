@@ -5,6 +5,7 @@
 
 #include "autocal_vio/calibration_io/number_text.h"
 #include "autocal_vio/calibration_io/text_file.h"
+#include "autocal_vio/common/angle.h"
 #include "autocal_vio/geometry/so3.h"
 
 namespace autocal_vio {
@@ -42,7 +43,7 @@ std::string quoted(const std::string& value) {
 }
 
 std::string directionsComment(const Transform& T_imu_cam) {
-  const Eigen::Vector3d ypr_deg = yawPitchRoll(T_imu_cam.rotation) * (180.0 / M_PI);
+  const Eigen::Vector3d ypr_deg = yawPitchRoll(T_imu_cam.rotation) / kDegree;
   const Eigen::Quaterniond& q = T_imu_cam.rotation;
   return "# T_cam_imu below takes coordinates in the IMU frame to the camera frame (Kalibr's direction).\n"
          "# Its inverse T_imu_cam is the pose of the camera in the IMU frame:\n" +
@@ -86,7 +87,7 @@ std::string kalibrCamchainText(const KalibrCamchain& camchain) {
   if (!camchain.image_topic.empty()) text += "  rostopic: " + quoted(camchain.image_topic) + "\n";
   if (!camchain.T_imu_cam) return text;
   text += "  timeshift_cam_imu: " + shortestText(camchain.td) + "\n";
-  appendNumber("sigma_rotation_deg", camchain.sigma_rotation, 180.0 / M_PI, &text);
+  appendNumber("sigma_rotation_deg", camchain.sigma_rotation, 1.0 / kDegree, &text);
   appendNumber("sigma_translation", camchain.sigma_translation, 1.0, &text);
   appendNumber("sigma_timeshift", camchain.sigma_td, 1.0, &text);
   return text;

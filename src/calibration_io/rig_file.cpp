@@ -6,6 +6,7 @@
 
 #include "autocal_vio/calibration_io/load_problems.h"
 #include "autocal_vio/calibration_io/yaml_section.h"
+#include "autocal_vio/common/angle.h"
 
 namespace autocal_vio {
 namespace {
@@ -117,7 +118,7 @@ void readExtrinsics(YamlSection* section, std::optional<ExtrinsicsPrior>* prior)
     section->addProblem(T_cam_imu ? "T_cam_imu" : "T_imu_cam", "expected a lever arm of at most 10 m");
   ExtrinsicsPrior result;
   result.T_imu_cam = *T_imu_cam;
-  result.sigma_rotation = sigma_rotation_deg.value_or(kDefaultSigmaRotationDeg) * M_PI / 180.0;
+  result.sigma_rotation = sigma_rotation_deg.value_or(kDefaultSigmaRotationDeg) * kDegree;
   result.sigma_translation = sigma_translation.value_or(kDefaultSigmaTranslation);
   *prior = result;
 }

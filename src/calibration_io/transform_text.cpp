@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstdio>
 
+#include "autocal_vio/common/angle.h"
 #include "autocal_vio/geometry/so3.h"
 
 namespace autocal_vio {
@@ -11,7 +12,7 @@ namespace {
 std::string describe(const char* name, const Transform& T) {
   const Eigen::Vector3d& p = T.translation;
   const Eigen::Vector4d q = T.rotation.coeffs();
-  const Eigen::Vector3d ypr = yawPitchRoll(T.rotation) * (180.0 / M_PI);
+  const Eigen::Vector3d ypr = yawPitchRoll(T.rotation) / kDegree;
   char text[256];
   std::snprintf(text, sizeof(text),
                 "%s: translation [%.5f, %.5f, %.5f] m, quaternion xyzw [%.6f, %.6f, %.6f, %.6f], "

@@ -5,6 +5,7 @@
 #include <limits>
 #include <sstream>
 
+#include "autocal_vio/common/angle.h"
 #include "autocal_vio/geometry/so3.h"
 
 namespace autocal_vio {
@@ -12,7 +13,6 @@ namespace {
 
 using Vector6d = Eigen::Matrix<double, 6, 1>;
 
-constexpr double kDegrees = 180.0 / 3.14159265358979323846;
 constexpr double kReopenFactor = 2.0;  // a converged calibration is given up only well beyond the limits
 const char* const kAxes[3] = {"x", "y", "z"};
 
@@ -82,9 +82,9 @@ void ExtrinsicMonitor::judge() {
   const Vector6d sigma = sigmasOf(now.covariance);
   int worst_translation, worst_rotation;
   const double sigma_translation = sigma.head<3>().maxCoeff(&worst_translation);
-  const double sigma_rotation = sigma.tail<3>().maxCoeff(&worst_rotation) * kDegrees;
+  const double sigma_rotation = sigma.tail<3>().maxCoeff(&worst_rotation) / kDegree;
   const double pull_translation = now.translation_held ? 0.0 : now.pull.head<3>().norm();
-  const double pull_rotation = now.rotation_held ? 0.0 : now.pull.tail<3>().norm() * kDegrees;
+  const double pull_rotation = now.rotation_held ? 0.0 : now.pull.tail<3>().norm() / kDegree;
   const Eigen::Vector3d sigma_about_B = rotationSigmasAboutB(now);
   for (int i = 0; i < 3; ++i) {
     translation_observable_[i] = sigma(i) < kObservableTranslation;

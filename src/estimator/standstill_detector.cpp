@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "autocal_vio/frontend/common_tracks.h"
+
 namespace autocal_vio {
 namespace {
 
@@ -40,12 +42,9 @@ std::vector<Reading> blockMeans(const std::vector<ImuSample>& samples) {
 StandstillDetector::Verdict StandstillDetector::compare(const View& before, const View& now,
                                                         double largest_displacement) {
   std::vector<double> displacements;
-  auto it = before.points.begin();
-  for (const Point& point : now.points) {
-    while (it != before.points.end() && it->track_id < point.track_id) ++it;
-    if (it == before.points.end()) break;
-    if (it->track_id == point.track_id) displacements.push_back((point.pixel - it->pixel).norm());
-  }
+  forEachCommonTrack(before.points, now.points, [&displacements](const Point& a, const Point& b) {
+    displacements.push_back((b.pixel - a.pixel).norm());
+  });
   if (displacements.size() < kFewestPoints ||
       static_cast<double>(displacements.size()) < kSmallestShare * static_cast<double>(before.points.size()))
     return Verdict::kUnknown;

@@ -1,23 +1,19 @@
 #include "autocal_vio/frontend/unmoved_tracks.h"
 
+#include "autocal_vio/frontend/common_tracks.h"
+
 namespace autocal_vio {
 namespace {
 
-constexpr int kFewestPoints = 8;
+constexpr std::size_t kFewestPoints = 8;
 
 }  // namespace
 
 bool UnmovedTracks::look(const std::vector<Feature>& features) {
-  int common = 0;
   bool moved = false;
-  auto it = before_.begin();
-  for (const Feature& feature : features) {
-    while (it != before_.end() && it->track_id < feature.track_id) ++it;
-    if (it == before_.end()) break;
-    if (it->track_id != feature.track_id) continue;
-    ++common;
-    moved = moved || feature.pixel != it->pixel;
-  }
+  const std::size_t common = forEachCommonTrack(
+      before_, features,
+      [&moved](const Feature& before, const Feature& now) { moved = moved || now.pixel != before.pixel; });
   before_ = features;
   return !moved && common >= kFewestPoints;
 }

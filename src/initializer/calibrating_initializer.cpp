@@ -5,6 +5,8 @@
 #include <sstream>
 #include <utility>
 
+#include "autocal_vio/common/angle.h"
+#include "autocal_vio/frontend/common_tracks.h"
 #include "autocal_vio/geometry/so3.h"
 #include "autocal_vio/imu/preintegration.h"
 
@@ -16,15 +18,8 @@ constexpr double kMovedSinceRepeated = 1.0;      // [px] by the gyroscope, while
 constexpr double kRateAtRest = 0.03;             // [rad/s] less may be what the bias is off
 constexpr double kRateOfBias = 0.2;              // [rad/s] before it is known
 
-// Both in ascending order of track_id.
 std::size_t countCommonTracks(const FeatureFrame& a, const FeatureFrame& b) {
-  std::size_t count = 0;
-  auto it = a.features.begin();
-  for (const Feature& feature : b.features) {
-    while (it != a.features.end() && it->track_id < feature.track_id) ++it;
-    count += it != a.features.end() && it->track_id == feature.track_id;
-  }
-  return count;
+  return forEachCommonTrack(a.features, b.features, [](const Feature&, const Feature&) {});
 }
 
 const char* priorContradicted(const ExtrinsicsPrior& prior) {
@@ -35,12 +30,11 @@ const char* priorContradicted(const ExtrinsicsPrior& prior) {
 }  // namespace
 
 std::string rotationPriorProblem(const PriorDeviation& off, const ExtrinsicsPrior& prior, bool held) {
-  constexpr double kDegrees = 180.0 / 3.14159265358979323846;
   std::ostringstream text;
   text.precision(3);
   text << priorContradicted(prior) << ": their rotation is " << (off.at_least ? "at least " : "")
-       << off.size * kDegrees
-       << " deg off what images and gyroscope say (sigma: " << prior.sigma_rotation * kDegrees
+       << off.size / kDegree
+       << " deg off what images and gyroscope say (sigma: " << prior.sigma_rotation / kDegree
        << " deg); they are " << (held ? "held all the same" : "not used any more");
   return text.str();
 }

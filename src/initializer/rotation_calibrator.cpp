@@ -6,7 +6,9 @@
 #include <cstdio>
 #include <stdexcept>
 
+#include "autocal_vio/common/angle.h"
 #include "autocal_vio/common/option_visitor.h"
+#include "autocal_vio/frontend/common_tracks.h"
 #include "autocal_vio/frontend/two_view.h"
 #include "autocal_vio/geometry/so3.h"
 #include "autocal_vio/initializer/rotation_excitation.h"
@@ -19,7 +21,6 @@ using Eigen::Matrix3d;
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
-constexpr double kDegree = 3.14159265358979323846 / 180.0;
 constexpr double kMargin = 0.1;                 // gyroscope samples beyond a pair's interval, for td [s]
 constexpr double kLongestGap = 0.05;            // between gyroscope samples of a pair [s]
 constexpr double kPredictable = 3.0 * kDegree;  // R_BC known so well predicts the camera's rotation
@@ -34,17 +35,12 @@ struct CommonPoints {
   std::vector<Eigen::Vector2d> first, second;
 };
 
-// Both frames are in ascending order of track_id.
 CommonPoints commonPoints(const FeatureFrame& first, const FeatureFrame& second) {
   CommonPoints points;
-  auto a = first.features.begin();
-  for (const Feature& b : second.features) {
-    while (a != first.features.end() && a->track_id < b.track_id) ++a;
-    if (a == first.features.end()) break;
-    if (a->track_id != b.track_id) continue;
-    points.first.push_back(a->normalized);
+  forEachCommonTrack(first.features, second.features, [&points](const Feature& a, const Feature& b) {
+    points.first.push_back(a.normalized);
     points.second.push_back(b.normalized);
-  }
+  });
   return points;
 }
 

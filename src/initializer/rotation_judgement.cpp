@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "autocal_vio/common/angle.h"
 #include "autocal_vio/geometry/so3.h"
 #include "autocal_vio/initializer/rotation_excitation.h"
 
@@ -15,7 +16,6 @@ using Eigen::Matrix3d;
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
-constexpr double kDegree = 3.14159265358979323846 / 180.0;
 constexpr double kRotationStepSigmas = 5.0;
 constexpr double kTdFloor = 0.001;         // [s] of what rotations say of it: their noise is correlated
 constexpr double kSigmaOfGivenTd = 0.015;  // [s]

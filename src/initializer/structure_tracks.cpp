@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <map>
 
+#include "autocal_vio/frontend/common_tracks.h"
 #include "autocal_vio/geometry/so3.h"
 
 namespace autocal_vio {
@@ -25,12 +26,9 @@ struct Pair {
 
 std::vector<Pair> commonTracks(const FeatureFrame& a, const FeatureFrame& b) {
   std::vector<Pair> pairs;
-  auto it = b.features.begin();
-  for (const Feature& feature : a.features) {
-    while (it != b.features.end() && it->track_id < feature.track_id) ++it;
-    if (it == b.features.end()) break;
-    if (it->track_id == feature.track_id) pairs.push_back(Pair{&feature, &*it});
-  }
+  forEachCommonTrack(a.features, b.features, [&pairs](const Feature& in_a, const Feature& in_b) {
+    pairs.push_back(Pair{&in_a, &in_b});
+  });
   return pairs;
 }
 

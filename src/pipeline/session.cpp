@@ -5,6 +5,7 @@
 #include <sstream>
 #include <utility>
 
+#include "autocal_vio/common/angle.h"
 #include "autocal_vio/common/stage_clock.h"
 #include "autocal_vio/geometry/so3.h"
 #include "autocal_vio/graph/without_prior.h"
@@ -17,7 +18,7 @@ GraphOptions graphOptions(const EstimatorOptions& options) {
   graph.pixel_sigma = options.pixel_sigma;
   graph.huber_threshold = options.huber_threshold;
   graph.gravity_magnitude = options.gravity_magnitude;
-  graph.rotation_walk = options.mount_rotation_walk_deg * M_PI / 180.0;
+  graph.rotation_walk = options.mount_rotation_walk_deg * kDegree;
   graph.translation_walk = options.mount_translation_walk;
   return graph;
 }

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <sstream>
 
+#include "autocal_vio/common/angle.h"
+
 namespace autocal_vio {
 
 const char* toString(VioState state) {
@@ -27,14 +29,13 @@ const char* toString(VioState state) {
 }
 
 std::string heldText(const FreezeSelection& held, const CalibrationEstimate& calibration) {
-  constexpr double kDegrees = 180.0 / 3.14159265358979323846;
   const Eigen::Matrix<double, 6, 1> sigma = calibration.covariance.diagonal().cwiseMax(0.0).cwiseSqrt();
   std::ostringstream text;
   text.precision(2);
   const auto add = [&text](const char* part, double value, const char* unit) {
     text << (text.str().empty() ? "" : ", ") << part << " (sigma " << value << " " << unit << ")";
   };
-  if (held.rotation) add("rotation", sigma.tail<3>().maxCoeff() * kDegrees, "deg");
+  if (held.rotation) add("rotation", sigma.tail<3>().maxCoeff() / kDegree, "deg");
   if (held.translation) add("translation", 1e3 * sigma.head<3>().maxCoeff(), "mm");
   if (held.time_offset) add("time offset", 1e3 * calibration.sigma_td, "ms");
   return text.str();

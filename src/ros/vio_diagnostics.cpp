@@ -4,6 +4,8 @@
 #include <cstdio>
 #include <utility>
 
+#include "autocal_vio/common/angle.h"
+
 namespace autocal_vio {
 namespace {
 
@@ -112,7 +114,7 @@ void VioDiagnostics::reportEstimation(diagnostic_updater::DiagnosticStatusWrappe
                sigmaText(status.sigma_translation[k], 1e3, 1));
   for (int k = 0; k < 3; ++k)
     report.add(std::string("sigma of rotation ") + "xyz"[k] + " [deg]",
-               sigmaText(status.sigma_rotation[k], 180.0 / M_PI, 3));
+               sigmaText(status.sigma_rotation[k], 1.0 / kDegree, 3));
   report.addf("time offset [ms]", "%.2f", 1e3 * status.time_offset);
   report.add("sigma of time offset [ms]", sigmaText(status.sigma_time_offset, 1e3, 2));
 }

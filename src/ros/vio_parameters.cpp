@@ -7,6 +7,7 @@
 #include "autocal_vio/calibration_io/estimator_file.h"
 #include "autocal_vio/calibration_io/load_problems.h"
 #include "autocal_vio/calibration_io/rig_file.h"
+#include "autocal_vio/common/angle.h"
 #include "autocal_vio/ros/input_conversions.h"
 #include "autocal_vio/ros/parameter_reader.h"
 #include "autocal_vio/ros/robot_description.h"
@@ -61,7 +62,7 @@ void readUrdfExtrinsics(ParameterReader* reader, VioParameters* parameters) {
   ExtrinsicsPrior prior;
   const bool wanted = reader->flag("extrinsics_from_urdf", false);
   prior.sigma_rotation =
-      reader->number("urdf_sigma_rotation_deg", kDefaultSigmaRotationDeg, 1e-3, 180.0) * M_PI / 180.0;
+      reader->number("urdf_sigma_rotation_deg", kDefaultSigmaRotationDeg, 1e-3, 180.0) * kDegree;
   prior.sigma_translation = reader->number("urdf_sigma_translation", kDefaultSigmaTranslation, 1e-5, 10.0);
   if (!wanted) return;
   if (parameters->rig.extrinsics_prior) {

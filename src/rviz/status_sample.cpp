@@ -2,12 +2,13 @@
 
 #include <cmath>
 
+#include "autocal_vio/common/angle.h"
+
 namespace autocal_vio {
 namespace {
 
 using Row = std::array<double, 3>;
 
-constexpr double kDegree = M_PI / 180.0;
 // Beyond these a quantity counts as unknown.
 constexpr double kLargestAngle = 1.0;     // [rad]
 constexpr double kLargestPosition = 2.0;  // [m]

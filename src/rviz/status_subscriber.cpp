@@ -3,13 +3,14 @@
 #include <cmath>
 #include <utility>
 
+#include "autocal_vio/common/angle.h"
+
 namespace autocal_vio {
 namespace {
 
 constexpr std::size_t kMostWaiting = 10000;
 constexpr std::size_t kMostTruthWaiting = 200;
 constexpr std::uint32_t kQueue = 1000;  // where this machine is late, as on starting
-constexpr double kDegreesPerRadian = 180.0 / M_PI;
 
 }  // namespace
 
@@ -29,7 +30,7 @@ void StatusSubscriber::subscribeTruth(const std::string& simulated_rig) {
   using Message = geometry_msgs::Vector3Stamped::ConstPtr;
   gyroscope_bias_ = nh_.subscribe<geometry_msgs::Vector3Stamped>(
       simulated_rig + "/truth_gyroscope_bias", kQueue,
-      [this](const Message& message) { receiveBias(kGyroscopeBias, kDegreesPerRadian, *message); });
+      [this](const Message& message) { receiveBias(kGyroscopeBias, 1.0 / kDegree, *message); });
   accelerometer_bias_ = nh_.subscribe<geometry_msgs::Vector3Stamped>(
       simulated_rig + "/truth_accelerometer_bias", kQueue,
       [this](const Message& message) { receiveBias(kAccelerometerBias, 1.0, *message); });

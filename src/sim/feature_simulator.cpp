@@ -5,6 +5,7 @@
 #include <functional>
 #include <stdexcept>
 
+#include "autocal_vio/common/angle.h"
 #include "autocal_vio/geometry/so3.h"
 #include "autocal_vio/sim/imu_simulator.h"
 #include "autocal_vio/sim/track_drift.h"
@@ -200,7 +201,7 @@ Transform bumped(const Transform& T_imu_cam, const FeatureSimulationOptions& opt
   const double share = since < options.bump_duration ? since / options.bump_duration : 1.0;
   RandomSource random(options.seed, 31);
   const Vector3d axis = random.unitVector(), direction = random.unitVector();
-  const Transform T_CCnew(expSo3((share * options.bump_rotation_deg * M_PI / 180.0 * axis).eval()),
+  const Transform T_CCnew(expSo3((share * options.bump_rotation_deg * kDegree * axis).eval()),
                           (share * options.bump_translation * direction).eval());
   return T_imu_cam * T_CCnew;
 }

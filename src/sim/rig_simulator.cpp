@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "autocal_vio/common/angle.h"
 #include "autocal_vio/geometry/so3.h"
 #include "autocal_vio/sim/imu_simulator.h"
 #include "autocal_vio/sim/random_source.h"
@@ -78,7 +79,7 @@ ImuSimulatorOptions imuOptions(const SimulatedRigOptions& options) {
 Transform drawBump(const SimulatedRigOptions& options) {
   RandomSource random(static_cast<std::uint64_t>(options.seed), 60);
   const Eigen::Vector3d axis = random.unitVector(), direction = random.unitVector();
-  return Transform(expSo3((axis * options.bump_rotation_deg * M_PI / 180.0).eval()),
+  return Transform(expSo3((axis * options.bump_rotation_deg * kDegree).eval()),
                    (direction * options.bump_translation).eval());
 }
 

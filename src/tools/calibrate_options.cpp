@@ -5,6 +5,7 @@
 #include "autocal_vio/calibration_io/load_problems.h"
 #include "autocal_vio/calibration_io/rig_file.h"
 #include "autocal_vio/calibration_io/urdf_extrinsics.h"
+#include "autocal_vio/common/angle.h"
 
 namespace autocal_vio {
 namespace {
@@ -106,13 +107,13 @@ void applyInitialFile(const CalibrateOptions& options, RigModel* rig) {
   if (isUrdf(options)) {
     prior.extrinsics.T_imu_cam =
         loadUrdfExtrinsics(options.initial_file, options.imu_link, options.camera_link);
-    prior.extrinsics.sigma_rotation = kDefaultSigmaRotationDeg * M_PI / 180.0;
+    prior.extrinsics.sigma_rotation = kDefaultSigmaRotationDeg * kDegree;
     prior.extrinsics.sigma_translation = kDefaultSigmaTranslation;
   } else {
     prior = loadMountPrior(options.initial_file);
   }
   if (options.initial_sigma_rotation_deg)
-    prior.extrinsics.sigma_rotation = *options.initial_sigma_rotation_deg * M_PI / 180.0;
+    prior.extrinsics.sigma_rotation = *options.initial_sigma_rotation_deg * kDegree;
   if (options.initial_sigma_translation)
     prior.extrinsics.sigma_translation = *options.initial_sigma_translation;
   rig->extrinsics_prior = prior.extrinsics;

@@ -3,6 +3,7 @@
 
 #include "autocal_vio/calibration_io/estimator_file.h"
 #include "autocal_vio/calibration_io/load_problems.h"
+#include "autocal_vio/common/angle.h"
 #include "autocal_vio/sim/feature_simulator.h"
 #include "autocal_vio/tools/program.h"
 #include "autocal_vio/tools/truth_files.h"
@@ -103,7 +104,7 @@ int calibrate(const Options& options) {
   vio_options.fix_extrinsics = options.fix_extrinsics;
   const FeatureDataset data = simulateFeatures(simulation);
   RigModel rig = data.rig.rig;
-  if (options.use_truth) rig.extrinsics_prior = ExtrinsicsPrior{data.rig.T_imu_cam, 0.5 * M_PI / 180.0, 0.01};
+  if (options.use_truth) rig.extrinsics_prior = ExtrinsicsPrior{data.rig.T_imu_cam, 0.5 * kDegree, 0.01};
   CalibrationRun run(rig, vio_options);
   const ResultFolder folder(options.output_folder, options.force);
   const CalibrationRunResult result = feed(data, &run);

@@ -6,6 +6,7 @@
 #include <limits>
 #include <opencv2/imgproc.hpp>
 
+#include "autocal_vio/common/angle.h"
 #include "autocal_vio/geometry/so3.h"
 #include "autocal_vio/tools/line_chart.h"
 
@@ -13,7 +14,6 @@ namespace autocal_vio {
 namespace {
 
 constexpr int kColumns = 3, kRows = 4, kPanelWidth = 620, kPanelHeight = 320, kHeader = 70;
-constexpr double kDegree = M_PI / 180.0;
 constexpr double kNothing = std::numeric_limits<double>::quiet_NaN();
 
 const cv::Scalar kBlue(180, 90, 20), kRed(50, 50, 200), kGreen(60, 140, 30), kViolet(160, 60, 140);  // BGR

@@ -5,13 +5,12 @@
 #include <cstdio>
 #include <sstream>
 
+#include "autocal_vio/common/angle.h"
 #include "autocal_vio/geometry/so3.h"
 #include "autocal_vio/tools/timing_statistics.h"
 
 namespace autocal_vio {
 namespace {
-
-constexpr double kDegrees = 180.0 / M_PI;
 
 TimeNs toTimeNs(const ros::Time& stamp) {
   return static_cast<TimeNs>(stamp.toNSec());
@@ -166,15 +165,15 @@ std::string LiveRecorder::progressLine() const {
   std::string line = format("%5.1f s  %-23s", secondsSinceFirst(), toString(update.state));
   if (!rotationKnown(estimate)) return line + "  " + update.reason;
   const Eigen::Matrix<double, 6, 1> sigmas = estimate.covariance.diagonal().cwiseMax(0.0).cwiseSqrt();
-  const double sigma_rotation_deg = sigmas.tail<3>().maxCoeff() * kDegrees;
+  const double sigma_rotation_deg = sigmas.tail<3>().maxCoeff() / kDegree;
   const double sigma_translation_cm = 100.0 * sigmas.head<3>().maxCoeff();
   const Eigen::Vector3d& p = estimate.T_imu_cam.translation;
   const bool whole = extrinsicsKnown(estimate);
   if (plot_truth_.T_imu_cam) {
     const Eigen::Quaterniond error =
         plot_truth_.T_imu_cam->rotation.conjugate() * estimate.T_imu_cam.rotation;
-    line += format("  rotation off by %.2f deg (sigma %.2f)", logSo3(error).norm() * kDegrees,
-                   sigma_rotation_deg);
+    line +=
+        format("  rotation off by %.2f deg (sigma %.2f)", logSo3(error).norm() / kDegree, sigma_rotation_deg);
     if (whole)
       line += format(", translation by %.1f cm (sigma %.1f)",
                      100.0 * (p - plot_truth_.T_imu_cam->translation).norm(), sigma_translation_cm);

@@ -4,13 +4,12 @@
 #include <cstdio>
 
 #include "autocal_vio/calibration_io/transform_text.h"
+#include "autocal_vio/common/angle.h"
 #include "autocal_vio/geometry/so3.h"
 #include "autocal_vio/tools/result_tables.h"
 
 namespace autocal_vio {
 namespace {
-
-constexpr double kDegree = M_PI / 180.0;
 
 std::string number(double value, const char* format = "%.9g") {
   if (std::isnan(value)) return ".nan";

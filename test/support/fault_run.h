@@ -17,13 +17,12 @@
 #include <variant>
 #include <vector>
 
+#include "autocal_vio/common/angle.h"
 #include "autocal_vio/geometry/so3.h"
 #include "autocal_vio/pipeline/vio_system.h"
 #include "autocal_vio/sim/feature_simulator.h"
 
 namespace autocal_vio {
-
-constexpr double kDegreesPerRadian = 180.0 / 3.14159265358979323846;
 
 struct StreamedFrame {
   FeatureFrame frame;
@@ -181,8 +180,7 @@ inline double driftBetween(const FaultRecord& a, const FaultRecord& b) {
 }
 
 inline double rotationErrorDeg(const VioUpdate& update, const FeatureDataset& data) {
-  return data.rig.T_imu_cam.rotation.angularDistance(update.calibration.T_imu_cam.rotation) *
-         kDegreesPerRadian;
+  return data.rig.T_imu_cam.rotation.angularDistance(update.calibration.T_imu_cam.rotation) / kDegree;
 }
 
 inline double translationError(const VioUpdate& update, const FeatureDataset& data) {
@@ -265,7 +263,7 @@ inline Stream eurocStream(std::uint64_t seed, double seconds) {
 /// The rig with the true extrinsics as a prior, so that estimation starts early.
 inline RigModel calibratedRig(const FeatureDataset& data) {
   RigModel rig = data.rig.rig;
-  rig.extrinsics_prior = ExtrinsicsPrior{data.rig.T_imu_cam, 0.5 / kDegreesPerRadian, 0.01};
+  rig.extrinsics_prior = ExtrinsicsPrior{data.rig.T_imu_cam, 0.5 * kDegree, 0.01};
   return rig;
 }
 

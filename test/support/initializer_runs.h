@@ -17,6 +17,7 @@
 #include <string>
 #include <vector>
 #include "autocal_vio/calibration_io/estimator_file.h"
+#include "autocal_vio/common/angle.h"
 #include "autocal_vio/geometry/so3.h"
 #include "autocal_vio/sim/random_source.h"
 #include "figure_table.h"
@@ -46,7 +47,7 @@ struct Calibration {
   Vector6d sigma = Vector6d::Ones();
   double nees = kInfinity;  // per degree of freedom
 
-  double rotationDeg() const { return error.tail<3>().norm() * kToDegrees; }
+  double rotationDeg() const { return error.tail<3>().norm() / kDegree; }
   double translation() const { return error.head<3>().norm(); }
   int axesWithin(double sigmas) const {
     return static_cast<int>((error.cwiseAbs().array() <= sigmas * sigma.array()).count());
@@ -299,7 +300,7 @@ inline Vector6d ratioToBound(const char* name, const std::vector<Outcome>& outco
   std::printf("%s | RMSE 10 s after the first odometry, and over the bound: translation", name);
   for (int i = 0; i < 3; ++i) std::printf(" %.2f mm (%.2f)", 1e3 * rmse(i), ratio(i));
   std::printf(", rotation");
-  for (int i = 3; i < 6; ++i) std::printf(" %.4f deg (%.2f)", rmse(i) * kToDegrees, ratio(i));
+  for (int i = 3; i < 6; ++i) std::printf(" %.4f deg (%.2f)", rmse(i) / kDegree, ratio(i));
   std::printf("\n");
   return ratio;
 }

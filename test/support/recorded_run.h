@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "autocal_vio/common/angle.h"
 #include "autocal_vio/sim/recorded_trajectory.h"
 #include "autocal_vio/tools/calibration_run.h"
 #include "autocal_vio/tools/open_dataset.h"
@@ -51,7 +52,7 @@ inline RecordedOutcome runRecorded(const std::string& mav0, bool true_extrinsics
   request.rig_file = std::string(AUTOCAL_VIO_SOURCE_FOLDER) + "/config/euroc.yaml";
   OpenedDataset dataset = openDataset(request, warn);
   const Transform truth = dataset.reference_T_imu_cam.value();
-  if (true_extrinsics_as_prior) dataset.rig.extrinsics_prior = ExtrinsicsPrior{truth, 0.5 / kToDegrees, 0.01};
+  if (true_extrinsics_as_prior) dataset.rig.extrinsics_prior = ExtrinsicsPrior{truth, 0.5 * kDegree, 0.01};
   DatasetReader reader(std::move(dataset.source), DatasetWindow());
   RecordedOutcome outcome;
   CalibrationRun run(dataset.rig, VioOptions());
@@ -70,7 +71,7 @@ inline RecordedOutcome runRecorded(const std::string& mav0, bool true_extrinsics
     true_positions.push_back(truePosition(poses, row.stamp));
   }
   const Transform& final = rows.back().calibration.T_imu_cam;
-  outcome.rotation_deg = truth.rotation.angularDistance(final.rotation) * kToDegrees;
+  outcome.rotation_deg = truth.rotation.angularDistance(final.rotation) / kDegree;
   outcome.translation_m = (final.translation - truth.translation).norm();
   outcome.error_in_sigmas = errorInSigmas(rows.back().calibration, truth);
   outcome.ate_m = absoluteTrajectoryError(estimated, true_positions);

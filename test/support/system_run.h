@@ -7,13 +7,12 @@
 #include <string>
 #include <vector>
 
+#include "autocal_vio/common/angle.h"
 #include "autocal_vio/geometry/so3.h"
 #include "autocal_vio/pipeline/vio_system.h"
 #include "autocal_vio/sim/feature_simulator.h"
 
 namespace autocal_vio {
-
-constexpr double kToDegrees = 180.0 / 3.14159265358979323846;
 
 struct SystemOutcome {
   double first_odometry_s = std::numeric_limits<double>::infinity();  ///< after the first image
@@ -78,7 +77,7 @@ inline SystemOutcome runSystem(const FeatureDataset& data, const RigModel& rig, 
     const CalibrationEstimate& c = update.calibration;
     const Eigen::Vector3d rotation = logSo3(data.rig.T_imu_cam.rotation.conjugate() * c.T_imu_cam.rotation);
     const Eigen::Vector3d translation = c.T_imu_cam.translation - data.rig.T_imu_cam.translation;
-    outcome.rotation_deg = rotation.norm() * kToDegrees;
+    outcome.rotation_deg = rotation.norm() / kDegree;
     outcome.translation_m = translation.norm();
     outcome.td_ms = 1e3 * (c.td - data.rig.td);
     Eigen::Matrix<double, 6, 1> error;

@@ -7,6 +7,7 @@
 #include <thread>
 #include <vector>
 
+#include "autocal_vio/common/angle.h"
 #include "autocal_vio/common/stage_clock.h"
 #include "system_run.h"
 
@@ -72,8 +73,7 @@ TEST(BackgroundInitialization, NoImageWaitsForAnAttempt) {
   EXPECT_GE(with_odometry, 200);
   EXPECT_EQ(without_again, 0);
   EXPECT_EQ(last.counters.images_dropped, 0u);
-  EXPECT_LT(last.calibration.T_imu_cam.rotation.angularDistance(data.rig.T_imu_cam.rotation),
-            0.3 / kToDegrees);
+  EXPECT_LT(last.calibration.T_imu_cam.rotation.angularDistance(data.rig.T_imu_cam.rotation), 0.3 * kDegree);
   EXPECT_LT((last.calibration.T_imu_cam.translation - data.rig.T_imu_cam.translation).norm(), 0.015);
 }
 

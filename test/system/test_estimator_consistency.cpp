@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "autocal_vio/calibration_io/estimator_file.h"
+#include "autocal_vio/common/angle.h"
 #include "autocal_vio/pipeline/vio_system.h"
 #include "autocal_vio/sim/feature_simulator.h"
 #include "autocal_vio/sim/rig_simulator.h"
@@ -24,7 +25,6 @@
 namespace autocal_vio {
 namespace {
 
-constexpr double kDegrees = 180.0 / 3.14159265358979323846;
 // [s] between the frames of the bound's batch problem: dense, 15 unknowns a frame.
 constexpr double kLongBoundInterval = 0.25;
 const char* const kStates[] = {"pose",       "velocity", "gyroscope bias", "accelerometer bias",
@@ -123,7 +123,7 @@ Outcome runRendered(int seed, double duration) {
 }
 
 void printSeed(const char* name, int seed, const Outcome& o) {
-  std::printf("%s seed %2d: end %.4f deg, %.2f mm; NEES", name, seed, o.error.tail<3>().norm() * kDegrees,
+  std::printf("%s seed %2d: end %.4f deg, %.2f mm; NEES", name, seed, o.error.tail<3>().norm() / kDegree,
               1e3 * o.error.head<3>().norm());
   for (const auto& [state, nees] : o.nees) std::printf(", %s %.2f", state.c_str(), nees.mean());
   std::printf("\n");
@@ -168,7 +168,7 @@ void printTable(const char* name, const std::vector<Outcome>& outcomes) {
   }
   const char* const axes[] = {"p_BC x", "p_BC y", "p_BC z", "R_BC x", "R_BC y", "R_BC z"};
   for (int i = 0; i < 6; ++i) {
-    const double unit = i < 3 ? 1e3 : kDegrees;
+    const double unit = i < 3 ? 1e3 : 1.0 / kDegree;
     std::printf("%s | at the end, %s [%s] | RMSE %.4f | published %.4f", name, axes[i], i < 3 ? "mm" : "deg",
                 unit * std::sqrt(squares(i)), unit * std::sqrt(variances(i)));
     if (bounds(i) > 0.0)

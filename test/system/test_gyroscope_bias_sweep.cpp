@@ -10,6 +10,7 @@
 #include <cstdlib>
 #include <opencv2/imgcodecs.hpp>
 
+#include "autocal_vio/common/angle.h"
 #include "autocal_vio/frontend/two_view.h"
 #include "autocal_vio/geometry/so3.h"
 #include "autocal_vio/initializer/hand_eye.h"
@@ -20,7 +21,6 @@
 namespace autocal_vio {
 namespace {
 
-constexpr double kDegrees = 180.0 / 3.14159265358979323846;
 constexpr std::size_t kSpan = 8;  // images between the two of a pair
 
 int seeds() {
@@ -71,13 +71,13 @@ std::vector<RotationPair> rotationPairs(const FeatureDataset& data, const ImuBuf
 }
 
 double errorDeg(const Eigen::Quaterniond& R_BC, const FeatureDataset& data) {
-  return data.rig.T_imu_cam.rotation.angularDistance(R_BC) * kDegrees;
+  return data.rig.T_imu_cam.rotation.angularDistance(R_BC) / kDegree;
 }
 
 // Eq. (6)-(10), the weights once from the unweighted solution.
 double paperErrorDeg(const FeatureDataset& data, const ImuBuffer& imu) {
   const std::vector<RotationPair> pairs = rotationPairs(data, imu);
-  const double t0 = 5.0 / kDegrees;
+  const double t0 = 5.0 * kDegree;
   const auto first = handEyeRotation(pairs, Eigen::Vector3d::Zero(), std::nullopt, t0);
   if (!first) return 180.0;
   const auto weighted = handEyeRotation(pairs, Eigen::Vector3d::Zero(), first->R_BC, t0);

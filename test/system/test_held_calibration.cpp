@@ -1,10 +1,10 @@
 // Parts of the calibration that are held keep every bit; priors and reasons are shown from the first update on.
 #include "fault_run.h"
 
+#include "autocal_vio/common/angle.h"
+
 namespace autocal_vio {
 namespace {
-
-constexpr double kRadian = 1.0 / kDegreesPerRadian;
 
 bool sameRotation(const VioUpdate& a, const VioUpdate& b) {
   return (a.calibration.T_imu_cam.rotation.coeffs().array() ==
@@ -21,9 +21,9 @@ RigModel rigWithPrior(const FeatureDataset& data, double rotation_deg, double tr
   RigModel rig = data.rig.rig;
   ExtrinsicsPrior prior;
   prior.T_imu_cam = Transform(
-      data.rig.T_imu_cam.rotation * expSo3((Eigen::Vector3d(1, -2, 2) / 3.0 * rotation_deg * kRadian).eval()),
+      data.rig.T_imu_cam.rotation * expSo3((Eigen::Vector3d(1, -2, 2) / 3.0 * rotation_deg * kDegree).eval()),
       data.rig.T_imu_cam.translation + Eigen::Vector3d(2, 1, -2) / 3.0 * translation);
-  prior.sigma_rotation = 0.5 * kRadian;
+  prior.sigma_rotation = 0.5 * kDegree;
   prior.sigma_translation = 0.02;
   rig.extrinsics_prior = prior;
   return rig;
@@ -157,7 +157,7 @@ TEST(HeldCalibration, APriorIsShownWithItsSigmaUntilTheFirstEstimate) {
   const CalibrationEstimate& first = run.records.front().update.calibration;
   EXPECT_TRUE(identical(first.T_imu_cam, rig.extrinsics_prior->T_imu_cam));
   EXPECT_NEAR(std::sqrt(first.covariance(1, 1)), 0.02, 1e-12);
-  EXPECT_NEAR(std::sqrt(first.covariance(4, 4)), 0.5 * kRadian, 1e-12);
+  EXPECT_NEAR(std::sqrt(first.covariance(4, 4)), 0.5 * kDegree, 1e-12);
   const FaultRecord* started = run.firstFrom(0.0, true);
   ASSERT_TRUE(started);
   for (const FaultRecord& r : run.records) {
@@ -166,7 +166,7 @@ TEST(HeldCalibration, APriorIsShownWithItsSigmaUntilTheFirstEstimate) {
     }
     const Transform error = rig.extrinsics_prior->T_imu_cam.inverse() * r.update.calibration.T_imu_cam;
     EXPECT_LT(error.translation.norm(), 0.06) << r.time;
-    EXPECT_LT(logSo3(error.rotation).norm(), 1.5 * kRadian) << r.time;
+    EXPECT_LT(logSo3(error.rotation).norm(), 1.5 * kDegree) << r.time;
   }
 }
 
@@ -175,7 +175,7 @@ TEST(HeldCalibration, AWrongPriorIsNamedAfterALossToo) {
   Stream stream = eurocStream(1, 16.0);
   stream.removeImu(9.0, 11.0);
   RigModel rig = rigWithPrior(stream.data(), 10.0, 0.05);
-  rig.extrinsics_prior->sigma_rotation = 1.0 * kRadian;
+  rig.extrinsics_prior->sigma_rotation = 1.0 * kDegree;
   const FaultRun run = runStream(stream, rig, VioOptions());
   printStates(run);
   EXPECT_NE(run.before(9.0).update.reason.find("given beforehand are WRONG"), std::string::npos);
@@ -193,7 +193,7 @@ TEST(HeldCalibration, APriorThatTheDataContradictIsDroppedLoudly) {
   for (std::uint64_t seed = 1; seed <= 2; ++seed) {
     const Stream stream = eurocStream(seed, 18.0);
     RigModel rig = rigWithPrior(stream.data(), 10.0, 0.05);
-    rig.extrinsics_prior->sigma_rotation = 1.0 * kRadian;
+    rig.extrinsics_prior->sigma_rotation = 1.0 * kDegree;
     const FaultRun run = runStream(stream, rig, VioOptions());
     printStates(run);
     const VioUpdate& last = run.last().update;
@@ -325,7 +325,7 @@ TEST(HeldCalibration, ATightPriorThatTheDataContradictIsNeverConverged) {
     const Stream stream = eurocStream(seed, 25.0);
     RigModel rig = rigWithPrior(stream.data(), 0.0, distances[seed - 1]);
     rig.extrinsics_prior->sigma_translation = 0.0025;
-    rig.extrinsics_prior->sigma_rotation = 0.02 * kRadian;
+    rig.extrinsics_prior->sigma_rotation = 0.02 * kDegree;
     const FaultRun run = runStream(stream, rig, VioOptions());
     printStates(run);
     const VioUpdate& last = run.last().update;
@@ -347,7 +347,7 @@ TEST(HeldCalibration, ARightPriorIsNotContradictedByRotationAboutOneAxis) {
   simulation.motion.duration = 60.0;
   const Stream stream(simulateFeatures(simulation));
   RigModel rig = rigWithPrior(stream.data(), 0.0, 0.0);
-  rig.extrinsics_prior->sigma_rotation = 0.05 * kRadian;
+  rig.extrinsics_prior->sigma_rotation = 0.05 * kDegree;
   rig.extrinsics_prior->sigma_translation = 0.003;
   const FaultRun run = runStream(stream, rig, VioOptions());
   for (const FaultRecord& r : run.records) {
@@ -361,7 +361,7 @@ TEST(HeldCalibration, ARightPriorIsNotContradictedByRotationAboutOneAxis) {
 TEST(HeldCalibration, FixedExtrinsicsThatTheDataContradictAreCalledWrong) {
   const Stream stream = eurocStream(3, 14.0);
   RigModel rig = rigWithPrior(stream.data(), 10.0, 0.0);
-  rig.extrinsics_prior->sigma_rotation = 1.0 * kRadian;
+  rig.extrinsics_prior->sigma_rotation = 1.0 * kDegree;
   VioOptions options;
   options.fix_extrinsics = true;
   const FaultRun run = runStream(stream, rig, options);

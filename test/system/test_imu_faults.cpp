@@ -4,6 +4,8 @@
 
 #include "fault_run.h"
 
+#include "autocal_vio/common/angle.h"
+
 namespace autocal_vio {
 namespace {
 
@@ -247,7 +249,7 @@ TEST(ImuFaults, WrongUnitsAndSignsAreNamedAndNothingIsClaimed) {
   EXPECT_NE(no_gravity.find("does not show gravity"), std::string::npos) << no_gravity;
   const std::string downwards = reasonWith([](ImuSample* s) { s->acceleration *= -1.0; });
   EXPECT_NE(downwards.find("gravity downwards"), std::string::npos) << downwards;
-  const std::string degrees = reasonWith([](ImuSample* s) { s->angular_velocity *= kDegreesPerRadian; });
+  const std::string degrees = reasonWith([](ImuSample* s) { s->angular_velocity /= kDegree; });
   EXPECT_NE(degrees.find("gyroscope"), std::string::npos) << degrees;
   std::printf("  %s\n  %s\n  %s\n  %s\n", in_g.c_str(), no_gravity.c_str(), downwards.c_str(),
               degrees.c_str());

@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "autocal_vio/common/angle.h"
 #include "autocal_vio/sim/random_source.h"
 #include "initializer_runs.h"
 
@@ -168,9 +169,9 @@ ExtrinsicsPrior wrongPrior(const Transform& truth, std::uint64_t seed) {
                       distances[] = {0.02, 0.03, 0.1, 0.3, 0.0};
   const std::uint64_t angle = seed % 9, distance = (seed / 9) % (angle == 8 ? 4 : 5);
   RandomSource random(seed, 78);
-  const Eigen::Vector3d turn = angles_deg[angle] / kToDegrees * random.unitVector(),
+  const Eigen::Vector3d turn = angles_deg[angle] * kDegree * random.unitVector(),
                         shift = distances[distance] * random.unitVector();
-  return {Transform(truth.rotation * expSo3(turn), truth.translation + shift), 0.02 / kToDegrees, 0.0025};
+  return {Transform(truth.rotation * expSo3(turn), truth.translation + shift), 0.02 * kDegree, 0.0025};
 }
 
 TEST(InitializerMonteCarlo, RightPriorsAreConfirmed) {
@@ -287,7 +288,7 @@ TEST(InitializerMonteCarlo, DegenerateMotionIsNeverConverged) {
         EXPECT_LT(outcome.last.rotationDeg(), 0.3);
         EXPECT_FALSE(std::isfinite(outcome.first_s)) << "odometry without a scale";
       } else if (kind != "planar") {
-        EXPECT_GT(outcome.last.sigma.tail<3>().maxCoeff() * kToDegrees, 5.0) << kind;
+        EXPECT_GT(outcome.last.sigma.tail<3>().maxCoeff() / kDegree, 5.0) << kind;
       }
     }
   }
@@ -339,7 +340,7 @@ TEST(InitializerMonteCarlo, SlowVibratingMotionDoesNotContradictARightPrior) {
     simulation.motion.speed_factor = 0.7;
     simulation.motion.start_moving = true;
     const auto good = [](const Transform& truth, std::uint64_t s) {
-      return drawPrior(truth, {0.5 / kToDegrees, 0.01}, s);
+      return drawPrior(truth, {0.5 * kDegree, 0.01}, s);
     };
     EXPECT_FALSE(run(simulation, {false, good}).prior_wrong) << seed;
   }

@@ -5,6 +5,7 @@
 #include <array>
 #include <cstdlib>
 
+#include "autocal_vio/common/angle.h"
 #include "calibration_error.h"
 #include "fault_run.h"
 
@@ -23,8 +24,7 @@ bool saysMoved(const FaultRecord& r) {
 }
 
 double rotationErrorNow(const FaultRecord& r) {
-  return kDegreesPerRadian *
-         r.truth.T_imu_cam.rotation.angularDistance(r.update.calibration.T_imu_cam.rotation);
+  return r.truth.T_imu_cam.rotation.angularDistance(r.update.calibration.T_imu_cam.rotation) / kDegree;
 }
 
 double translationErrorNow(const FaultRecord& r) {

@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <set>
 
+#include "autocal_vio/common/angle.h"
 #include "autocal_vio/estimator/sliding_window_estimator.h"
 #include "autocal_vio/geometry/so3.h"
 #include "autocal_vio/pipeline/calibration_record.h"
@@ -14,8 +15,6 @@
 
 namespace autocal_vio {
 namespace {
-
-constexpr double kDegrees = 180.0 / 3.14159265358979323846;
 
 struct Outcome {
   double rotation_deg, translation_m, td_ms, position_error_m, distance_m, ms_per_image;
@@ -37,7 +36,7 @@ SlidingWindowEstimator startFromTruth(const FeatureDataset& data, const ImuBuffe
   CalibrationPrior prior;
   prior.sigma_translation.setConstant(0.3);
   VisualInertialGraph graph(graph_options, prior);
-  const Eigen::Vector3d tilt = Eigen::Vector3d(1, -1, 1).normalized() * start.rotation_deg / kDegrees;
+  const Eigen::Vector3d tilt = Eigen::Vector3d(1, -1, 1).normalized() * start.rotation_deg * kDegree;
   const Transform T_BC(
       data.rig.T_imu_cam.rotation * expSo3(tilt),
       data.rig.T_imu_cam.translation + Eigen::Vector3d(1, 1, -1).normalized() * start.translation_m);
@@ -96,7 +95,7 @@ Outcome run(const FeatureSimulationOptions& simulation, double seconds, const St
       std::printf(
           "  t %5.1f pos err %.4f rot %.4f deg trans %.2f mm td %.3f ms  noise %.1f %.1f px %.2f frames dt "
           "%.2f lm %zu\n",
-          toSeconds(data.frames[i].stamp - data.frames[0].stamp), error, rot.norm() * kDegrees,
+          toSeconds(data.frames[i].stamp - data.frames[0].stamp), error, rot.norm() / kDegree,
           1e3 * (T.translation - data.rig.T_imu_cam.translation).norm(),
           1e3 * estimator.graph().calibration().td, estimator.noiseFactors().accelerometer,
           estimator.noiseFactors().gyroscope, estimator.graph().optionsView().pixel_sigma,
@@ -109,7 +108,7 @@ Outcome run(const FeatureSimulationOptions& simulation, double seconds, const St
   const Transform T_BC = estimator.graph().calibration().T_BC();
   const Eigen::Vector3d rotation = logSo3(data.rig.T_imu_cam.rotation.conjugate() * T_BC.rotation);
   const Eigen::Vector3d translation = T_BC.translation - data.rig.T_imu_cam.translation;
-  outcome.rotation_deg = rotation.norm() * kDegrees;
+  outcome.rotation_deg = rotation.norm() / kDegree;
   outcome.translation_m = translation.norm();
   outcome.td_ms = 1e3 * (estimator.graph().calibration().td - data.rig.td);
   outcome.position_error_m = std::sqrt(squared / images);

@@ -1,4 +1,5 @@
 // A camera that has moved on its mount: found from one image, told from noise, and the estimation problem reopened.
+#include "autocal_vio/common/angle.h"
 #include "autocal_vio/estimator/bump_detector.h"
 
 #include <gtest/gtest.h>
@@ -98,7 +99,7 @@ TEST(ExtrinsicsFit, FindsWhereTheCameraIs) {
   EXPECT_LT((fit.T_BC.translation - truth.translation).norm(), 2e-3);
   const Eigen::Matrix<double, 6, 1> step = fit.stepFrom(scene.data().rig.T_imu_cam);
   EXPECT_NEAR(step.head<3>().norm(), 0.03, 2e-3);
-  EXPECT_NEAR(step.tail<3>().norm(), 3.0 * M_PI / 180.0, 1e-3);
+  EXPECT_NEAR(step.tail<3>().norm(), 3.0 * kDegree, 1e-3);
 }
 
 TEST(ExtrinsicsFit, AThirdOfWrongTracksDoesNotMatter) {

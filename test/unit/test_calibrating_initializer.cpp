@@ -1,4 +1,5 @@
 // The initialiser alone, fed as the pipeline feeds it.
+#include "autocal_vio/common/angle.h"
 #include "autocal_vio/initializer/calibrating_initializer.h"
 
 #include <gtest/gtest.h>
@@ -17,8 +18,6 @@
 
 namespace autocal_vio {
 namespace {
-
-constexpr double kDegree = 3.14159265358979323846 / 180.0;
 
 FeatureDataset simulate(const FeatureSimulationOptions& base, double seconds,
                         MotionKind kind = MotionKind::kFree) {

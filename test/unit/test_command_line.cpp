@@ -1,3 +1,4 @@
+#include "autocal_vio/common/angle.h"
 #include "autocal_vio/tools/command_line.h"
 
 #include <gtest/gtest.h>
@@ -90,7 +91,7 @@ TEST(CommandLine, InitialFileBecomesThePrior) {
   applyInitialFile(parsed({"a", "--out=o", "--initial", mount, "--initial-sigma-translation=0.05"}), &rig);
   ASSERT_TRUE(rig.extrinsics_prior);
   EXPECT_LT((rig.extrinsics_prior->T_imu_cam.translation + Eigen::Vector3d(0.1, 0.2, 0.3)).norm(), 1e-15);
-  EXPECT_NEAR(rig.extrinsics_prior->sigma_rotation, 2.0 * M_PI / 180.0, 1e-15);
+  EXPECT_NEAR(rig.extrinsics_prior->sigma_rotation, 2.0 * kDegree, 1e-15);
   EXPECT_EQ(rig.extrinsics_prior->sigma_translation, 0.05);
   EXPECT_EQ(rig.time_offset_prior.td, 0.004);
 

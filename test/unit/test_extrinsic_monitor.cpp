@@ -1,4 +1,5 @@
 // Verdicts of the extrinsic monitor: each one reachable, and none too early.
+#include "autocal_vio/common/angle.h"
 #include "autocal_vio/estimator/extrinsic_monitor.h"
 
 #include <gtest/gtest.h>
@@ -13,8 +14,6 @@ namespace autocal_vio {
 namespace {
 
 using Eigen::Vector3d;
-
-constexpr double kDegree = M_PI / 180.0;
 
 // An estimate at `t` seconds that is good enough in every respect.
 CalibrationSample goodSample(double t) {

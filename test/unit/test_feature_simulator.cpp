@@ -1,3 +1,4 @@
+#include "autocal_vio/common/angle.h"
 #include "autocal_vio/sim/feature_simulator.h"
 
 #include <gtest/gtest.h>
@@ -173,8 +174,8 @@ TEST(FeatureSimulator, BumpMovesTheCameraAndNothingElse) {
     const Transform step = data.rig.T_imu_cam.inverse() * T_BC;
     const bool is_after = data.truth[i].stamp_imu >= bump;
     after += is_after;
-    EXPECT_NEAR(step.rotation.angularDistance(Eigen::Quaterniond::Identity()),
-                is_after ? 3.0 * M_PI / 180.0 : 0.0, 1e-7);
+    EXPECT_NEAR(step.rotation.angularDistance(Eigen::Quaterniond::Identity()), is_after ? 3.0 * kDegree : 0.0,
+                1e-7);
     EXPECT_NEAR(step.translation.norm(), is_after ? 0.04 : 0.0, 1e-12);
     EXPECT_EQ(data.truth[i].T_WB.translation, still.truth[i].T_WB.translation);
     const Transform T_CW = (data.truth[i].T_WB * T_BC).inverse();

@@ -1,3 +1,4 @@
+#include "autocal_vio/common/angle.h"
 #include "autocal_vio/initializer/hand_eye.h"
 
 #include <gtest/gtest.h>
@@ -15,7 +16,6 @@ using Eigen::Matrix3d;
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
-constexpr double kDegree = 3.14159265358979323846 / 180.0;
 constexpr double kThreshold = 5.0 * kDegree;
 
 struct PairSetup {

@@ -1,3 +1,4 @@
+#include "autocal_vio/common/angle.h"
 #include "autocal_vio/pipeline/prior_judge.h"
 
 #include <gtest/gtest.h>
@@ -7,7 +8,6 @@
 namespace autocal_vio {
 namespace {
 
-constexpr double kDegree = 3.14159265358979323846 / 180.0;
 constexpr double kSigmaRotation = 0.5 * kDegree, kSigmaTranslation = 0.01;
 constexpr TimeNs kKeyframe = 200000000;
 

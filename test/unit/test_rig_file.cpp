@@ -8,6 +8,7 @@
 
 #include "autocal_vio/calibration_io/asl_sensors.h"
 #include "autocal_vio/calibration_io/load_problems.h"
+#include "autocal_vio/common/angle.h"
 #include "temporary_folder.h"
 
 namespace autocal_vio {
@@ -78,7 +79,7 @@ TEST(RigFile, TakesKalibrsDirectionAndItsInverse) {
   const Transform T_imu_cam = kalibr.extrinsics_prior->T_imu_cam;
   EXPECT_LT((T_imu_cam * Eigen::Vector3d(0.1, 0.2, 0.3)).norm(), 1e-15);  // IMU origin seen from the camera
   EXPECT_LT((T_imu_cam.translation - Eigen::Vector3d(-0.1, -0.3, 0.2)).norm(), 1e-15);
-  EXPECT_NEAR(kalibr.extrinsics_prior->sigma_rotation, kDefaultSigmaRotationDeg * M_PI / 180.0, 1e-15);
+  EXPECT_NEAR(kalibr.extrinsics_prior->sigma_rotation, kDefaultSigmaRotationDeg * kDegree, 1e-15);
 
   std::string inverse(kTCamImu);
   inverse.replace(inverse.find("T_cam_imu"), 9, "T_imu_cam");
@@ -88,7 +89,7 @@ TEST(RigFile, TakesKalibrsDirectionAndItsInverse) {
                            kImu;
   const RigModel own = loadRigFile(folder.write("b.yaml", text));
   EXPECT_LT((own.extrinsics_prior->T_imu_cam.translation - Eigen::Vector3d(0.1, 0.2, 0.3)).norm(), 1e-15);
-  EXPECT_NEAR(own.extrinsics_prior->sigma_rotation, 0.3 * M_PI / 180.0, 1e-15);
+  EXPECT_NEAR(own.extrinsics_prior->sigma_rotation, 0.3 * kDegree, 1e-15);
   EXPECT_EQ(own.extrinsics_prior->sigma_translation, 0.004);
   EXPECT_EQ(own.time_offset_prior.td, -0.005);
   EXPECT_EQ(own.time_offset_prior.sigma_td, 0.001);

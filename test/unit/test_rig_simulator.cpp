@@ -1,3 +1,4 @@
+#include "autocal_vio/common/angle.h"
 #include "autocal_vio/sim/rig_simulator.h"
 
 #include <gtest/gtest.h>
@@ -131,7 +132,7 @@ TEST(RigSimulator, ABumpMovesTheMountFromTheNextImageOn) {
     last = event.truth.T_imu_cam;
     if (delta.translation.norm() < 1e-12) continue;
     ++changes;
-    EXPECT_NEAR(logSo3(delta.rotation).norm(), 5.0 * M_PI / 180.0, 1e-9);
+    EXPECT_NEAR(logSo3(delta.rotation).norm(), 5.0 * kDegree, 1e-9);
     EXPECT_NEAR(delta.translation.norm(), 0.03, 1e-9);
     EXPECT_NEAR(toSeconds(event.time - simulator.begin()), 2.5, 0.06);
   }

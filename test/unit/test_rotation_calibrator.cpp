@@ -1,3 +1,4 @@
+#include "autocal_vio/common/angle.h"
 #include "autocal_vio/initializer/rotation_calibrator.h"
 
 #include <gtest/gtest.h>
@@ -16,7 +17,6 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kDegree = 3.14159265358979323846 / 180.0;
 #ifdef AUTOCAL_VIO_OPTIMIZED
 constexpr int kSeeds = 20, kFewSeeds = 5;
 #else

@@ -1,4 +1,5 @@
 // One session alone: from nothing to an estimate, to its loss.
+#include "autocal_vio/common/angle.h"
 #include "autocal_vio/pipeline/session.h"
 
 #include <gtest/gtest.h>
@@ -11,7 +12,6 @@
 namespace autocal_vio {
 namespace {
 
-constexpr double kDegree = 3.14159265358979323846 / 180.0;
 constexpr TimeNs kAhead = 50000000;  // of IMU samples before the image: any time offset is covered
 
 class SessionTest : public ::testing::Test {

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <random>
 
+#include "autocal_vio/common/angle.h"
 #include "autocal_vio/rviz/plot_scales.h"
 #include "autocal_vio/rviz/status_history.h"
 #include "autocal_vio/rviz/truth_track.h"
@@ -40,11 +41,11 @@ TEST(StatusSample, UnitsAndWhatIsUnknown) {
   EXPECT_EQ(sample.stamp, static_cast<TimeNs>(status.header.stamp.toNSec()));
   EXPECT_EQ(sample.images_processed, 1000u);
   EXPECT_NEAR(sample.channels[kYaw].value, 90.0, 0.2);
-  EXPECT_NEAR(sample.channels[kYaw].sigma, status.sigma_rotation[2] * 180.0 / M_PI, 1e-9);
+  EXPECT_NEAR(sample.channels[kYaw].sigma, status.sigma_rotation[2] / kDegree, 1e-9);
   EXPECT_NEAR(sample.channels[kPositionX].value, 100.0 * status.T_imu_cam.position.x, 1e-12);
   EXPECT_NEAR(sample.channels[kPositionX].sigma, 100.0 * status.sigma_translation[0], 1e-12);
   EXPECT_NEAR(sample.channels[kTimeOffset].value, 1e3 * status.time_offset, 1e-12);
-  EXPECT_NEAR(sample.channels[kGyroscopeBias].value, status.gyroscope_bias.x * 180.0 / M_PI, 1e-12);
+  EXPECT_NEAR(sample.channels[kGyroscopeBias].value, status.gyroscope_bias.x / kDegree, 1e-12);
   EXPECT_NEAR(sample.channels[kScale].sigma, status.scale * status.sigma_scale, 1e-12);
   EXPECT_NEAR(sample.channels[kGravity + 1].value, 9.81, 1e-12);
   EXPECT_NEAR(sample.channels[kSingularValue + 2].value, status.singular_values[2], 1e-12);

@@ -1,4 +1,5 @@
 // Structure up to scale against the truth: exact, noisy, with wrong tracks, and where there is none to be had.
+#include "autocal_vio/common/angle.h"
 #include "autocal_vio/initializer/structure_from_motion.h"
 
 #include <gtest/gtest.h>
@@ -22,8 +23,6 @@ using test::StructureError;
 using test::structureError;
 using test::StructureScene;
 using test::StructureSceneOptions;
-
-constexpr double kDegree = M_PI / 180.0;
 
 StructureResult solve(const StructureScene& scene) {
   return structureFromMotion(scene.keyframes, scene.R_VC, StructureOptions());
