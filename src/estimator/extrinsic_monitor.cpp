@@ -56,6 +56,82 @@ double largestStep(const CalibrationSample& from, const CalibrationSample& to, c
   return largest;
 }
 
+// Of the worst axis, and how far what was given beforehand holds the estimate from what the motion says [deg, mm].
+struct Accuracy {
+  int rotation_axis, translation_axis;
+  double rotation, translation;
+  double pull_rotation, pull_translation;
+};
+
+Accuracy accuracyOf(const CalibrationSample& now, const Vector6d& sigma) {
+  Accuracy result;
+  result.translation = 1e3 * sigma.head<3>().maxCoeff(&result.translation_axis);
+  result.rotation = sigma.tail<3>().maxCoeff(&result.rotation_axis) / kDegree;
+  result.pull_translation = now.translation_held ? 0.0 : 1e3 * now.pull.head<3>().norm();
+  result.pull_rotation = now.rotation_held ? 0.0 : now.pull.tail<3>().norm() / kDegree;
+  return result;
+}
+
+// In words; both empty where nothing is.
+struct Missing {
+  std::string reason, advice;
+};
+
+// `slack`: times the limits.
+Missing whatIsInaccurate(const CalibrationSample& now, const Accuracy& accuracy,
+                         const ExtrinsicMonitorOptions& options, double slack) {
+  const double max_translation = 1e3 * options.max_sigma_translation;
+  std::ostringstream why;
+  if (!now.rotation_held && !(accuracy.rotation < slack * options.max_sigma_rotation_deg)) {
+    const char* const axis = kAxes[accuracy.rotation_axis];
+    why << "rotation about " << axis << " of the camera is known to " << roundedUp(accuracy.rotation)
+        << " deg by the motion alone (sigma), needs " << options.max_sigma_rotation_deg;
+    return {why.str(), std::string("rotate about axes other than the camera's ") + axis};
+  }
+  if (!now.translation_held && !(accuracy.translation < slack * max_translation)) {
+    const char* const axis = kAxes[accuracy.translation_axis];
+    why << "translation along " << axis << " of the IMU is known to " << roundedUp(accuracy.translation)
+        << " mm by the motion alone (sigma), needs " << max_translation;
+    return {why.str(),
+            std::string("rotate quickly to and fro while moving about, not only about the IMU's ") + axis};
+  }
+  if (!now.td_held && !(now.sigma_td < slack * options.max_sigma_td)) {
+    why << "the time offset is known to " << roundedUp(1e3 * now.sigma_td) << " ms (sigma), needs "
+        << 1e3 * options.max_sigma_td;
+    return {why.str(), "rotate to and fro"};
+  }
+  if (accuracy.pull_rotation < slack * options.max_sigma_rotation_deg &&
+      accuracy.pull_translation < slack * max_translation)
+    return {};
+  // A tight prior that is wrong, as long as the motion does not suffice to contradict it.
+  why << "what was given beforehand still holds it " << roundedUp(accuracy.pull_rotation) << " deg and "
+      << roundedUp(accuracy.pull_translation) << " mm from what the motion says";
+  return {why.str(), "rotate quickly to and fro about all axes"};
+}
+
+// Within the time from `before` to `now`.
+Missing whatIsUnstable(const CalibrationSample& before, const CalibrationSample& now, const Vector6d& sigma,
+                       const ExtrinsicMonitorOptions& options) {
+  if (toSeconds(now.stamp - before.stamp) < options.stable_time)
+    return {"accurate enough, watching whether it stays", "go on moving"};
+  const double step = largestStep(before, now, sigma);
+  if (step < options.max_step_sigmas) return {};
+  std::ostringstream why;
+  why << "still moving: " << roundedUp(step) << " sigma within " << options.stable_time << " s";
+  return {why.str(), "go on moving"};
+}
+
+std::string whatIsKnown(const CalibrationSample& now, const Accuracy& accuracy, double stable_time) {
+  std::ostringstream text;
+  if (!now.rotation_held) text << "rotation known to " << roundedUp(accuracy.rotation) << " deg";
+  if (!now.rotation_held && !now.translation_held) text << ", ";
+  if (!now.translation_held)
+    text << (now.rotation_held ? "translation known to " : "translation to ")
+         << roundedUp(accuracy.translation) << " mm";
+  text << " (sigma, worst axis), stable for " << stable_time << " s";
+  return text.str();
+}
+
 }  // namespace
 
 void ExtrinsicMonitor::reset() {
@@ -80,61 +156,17 @@ void ExtrinsicMonitor::add(const CalibrationSample& sample) {
 void ExtrinsicMonitor::judge() {
   const CalibrationSample& now = history_.back();
   const Vector6d sigma = sigmasOf(now.covariance);
-  int worst_translation, worst_rotation;
-  const double sigma_translation = sigma.head<3>().maxCoeff(&worst_translation);
-  const double sigma_rotation = sigma.tail<3>().maxCoeff(&worst_rotation) / kDegree;
-  const double pull_translation = now.translation_held ? 0.0 : now.pull.head<3>().norm();
-  const double pull_rotation = now.rotation_held ? 0.0 : now.pull.tail<3>().norm() / kDegree;
   const Eigen::Vector3d sigma_about_B = rotationSigmasAboutB(now);
   for (int i = 0; i < 3; ++i) {
     translation_observable_[i] = sigma(i) < kObservableTranslation;
     rotation_observable_[i] = sigma_about_B(i) < kObservableRotation;
   }
-  const double slack = converged_ ? kReopenFactor : 1.0;
-  std::ostringstream why;
-  advice_.clear();
-  if (!now.rotation_held && !(sigma_rotation < slack * options_.max_sigma_rotation_deg)) {
-    why << "rotation about " << kAxes[worst_rotation] << " of the camera is known to "
-        << roundedUp(sigma_rotation) << " deg by the motion alone (sigma), needs "
-        << options_.max_sigma_rotation_deg;
-    advice_ = std::string("rotate about axes other than the camera's ") + kAxes[worst_rotation];
-  } else if (!now.translation_held && !(sigma_translation < slack * options_.max_sigma_translation)) {
-    why << "translation along " << kAxes[worst_translation] << " of the IMU is known to "
-        << roundedUp(1e3 * sigma_translation) << " mm by the motion alone (sigma), needs "
-        << 1e3 * options_.max_sigma_translation;
-    advice_ = std::string("rotate quickly to and fro while moving about, not only about the IMU's ") +
-              kAxes[worst_translation];
-  } else if (!now.td_held && !(now.sigma_td < slack * options_.max_sigma_td)) {
-    why << "the time offset is known to " << roundedUp(1e3 * now.sigma_td) << " ms (sigma), needs "
-        << 1e3 * options_.max_sigma_td;
-    advice_ = "rotate to and fro";
-  } else if (!(pull_rotation < slack * options_.max_sigma_rotation_deg &&
-               pull_translation < slack * options_.max_sigma_translation)) {
-    // A tight prior that is wrong, as long as the motion does not suffice to contradict it.
-    why << "what was given beforehand still holds it " << roundedUp(pull_rotation) << " deg and "
-        << roundedUp(1e3 * pull_translation) << " mm from what the motion says";
-    advice_ = "rotate quickly to and fro about all axes";
-  } else if (!converged_ && toSeconds(now.stamp - history_.front().stamp) < options_.stable_time) {
-    why << "accurate enough, watching whether it stays";
-    advice_ = "go on moving";
-  } else if (!converged_) {
-    const double step = largestStep(history_.front(), now, sigma);
-    if (!(step < options_.max_step_sigmas)) {
-      why << "still moving: " << roundedUp(step) << " sigma within " << options_.stable_time << " s";
-      advice_ = "go on moving";
-    }
-  }
-  reason_ = why.str();
-  converged_ = reason_.empty();
-  if (converged_) {
-    if (!now.rotation_held) why << "rotation known to " << roundedUp(sigma_rotation) << " deg";
-    if (!now.rotation_held && !now.translation_held) why << ", ";
-    if (!now.translation_held)
-      why << (now.rotation_held ? "translation known to " : "translation to ")
-          << roundedUp(1e3 * sigma_translation) << " mm";
-    why << " (sigma, worst axis), stable for " << options_.stable_time << " s";
-    reason_ = why.str();
-  }
+  const Accuracy accuracy = accuracyOf(now, sigma);
+  Missing missing = whatIsInaccurate(now, accuracy, options_, converged_ ? kReopenFactor : 1.0);
+  if (missing.reason.empty() && !converged_) missing = whatIsUnstable(history_.front(), now, sigma, options_);
+  converged_ = missing.reason.empty();
+  reason_ = converged_ ? whatIsKnown(now, accuracy, options_.stable_time) : missing.reason;
+  advice_ = missing.advice;
 }
 
 }  // namespace autocal_vio

@@ -167,12 +167,12 @@ void ReprojectionFactorEvaluation(benchmark::State& state) {
 }
 BENCHMARK(ReprojectionFactorEvaluation)->Unit(benchmark::kNanosecond);
 
-// Ten keyframes, a quarter of a second apart, of simulated tracks; the states a little off the truth.
+// Twelve keyframes, a fifth of a second apart, of simulated tracks; the states a little off the truth.
 VisualInertialGraph windowGraph() {
   FeatureSimulationOptions options = FeatureSimulationOptions::euroc(1);
   options.motion.duration = 8.0;
   const FeatureDataset data = simulateFeatures(options);
-  constexpr std::size_t kStride = 5, kFrames = 10;
+  constexpr std::size_t kStride = 4, kFrames = 12;
   const std::size_t begin = data.frames.size() - kStride * kFrames - 1;
   ImuBuffer imu(60 * kNsPerSecond);
   for (const ImuSample& sample : data.imu) imu.add(sample);

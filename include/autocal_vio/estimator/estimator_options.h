@@ -3,9 +3,9 @@
 namespace autocal_vio {
 
 struct EstimatorOptions {
-  int window_keyframes = 10;
+  int window_keyframes = 12;
   int max_iterations = 8;
-  double keyframe_parallax = 20.0;
+  double keyframe_parallax = 15.0;
   double keyframe_max_interval = 0.5;
   double pixel_sigma = 1.0;
   double huber_threshold = 1.5;
