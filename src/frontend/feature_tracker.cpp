@@ -16,6 +16,8 @@ constexpr double kMinEigenvalue = 1e-4;        // of the patch's gradient matrix
 constexpr double kSameExposure = 1.2;          // ratio of brightness that the flow does not mind
 constexpr double kLargestExposure = 4.0;       // that of an exposure: the lens is covered, or a lamp goes on
 constexpr int kExposurePatch = 9;              // [px]
+// [s] into an image this much later the flow finds look-alikes, enough of which agree upon some motion to be believed
+constexpr double kLongestGap = 0.5;
 const cv::TermCriteria kTermination(cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 30, 0.01);
 
 cv::Point2f toCv(const Eigen::Vector2d& v) {
@@ -73,6 +75,8 @@ void FeatureTracker::reset() {
 
 FeatureFrame FeatureTracker::track(TimeNs stamp, const cv::Mat& image,
                                    const std::optional<Eigen::Matrix3d>& R_previous_current) {
+  if (stamp - last_stamp_ > fromSeconds(kLongestGap)) reset();
+  last_stamp_ = stamp;
   if (pyramid_.empty() || !isSame(image, pyramid_.front())) {
     std::vector<cv::Mat> pyramid = pyramidOf(image);
     if (!pyramid_.empty() && !tracks_.empty()) trackForward(image, pyramid, R_previous_current);

@@ -45,7 +45,13 @@ inline Eigen::Vector3d truePosition(const std::vector<TimedPose>& truth, TimeNs 
   return (1.0 - u) * a.T_WB.translation + u * b.T_WB.translation;
 }
 
-inline RecordedOutcome runRecorded(const std::string& mav0, bool true_extrinsics_as_prior) {
+/// Time without images, after the first one [s].
+struct ImageGap {
+  double begin = 0.0, end = 0.0;
+};
+
+inline RecordedOutcome runRecorded(const std::string& mav0, bool true_extrinsics_as_prior,
+                                   const ImageGap& gap = ImageGap()) {
   const WarningSink warn = [](const std::string& text) { ADD_FAILURE() << text; };
   DatasetRequest request;
   request.input = mav0;
@@ -56,7 +62,17 @@ inline RecordedOutcome runRecorded(const std::string& mav0, bool true_extrinsics
   DatasetReader reader(std::move(dataset.source), DatasetWindow());
   RecordedOutcome outcome;
   CalibrationRun run(dataset.rig, VioOptions());
-  outcome.result = runCalibration(&run, &reader, warn, [](double /*fraction*/, VioState /*state*/) {});
+  while (const std::optional<DatasetItem> item = reader.next()) {
+    if (const ImuSample* sample = std::get_if<ImuSample>(&*item)) {
+      run.addImu(*sample);
+      continue;
+    }
+    const ImageFrame& frame = std::get<ImageFrame>(*item);
+    const double time = toSeconds(frame.stamp - reader.firstImageStamp());
+    std::string problem;
+    if ((time < gap.begin || time >= gap.end) && !run.addImage(frame, &problem)) warn(problem);
+  }
+  outcome.result = run.result();
   const std::vector<RunRow>& rows = outcome.result.record.rows();
   const std::vector<TimedPose> poses = readTrajectory(mav0 + "/state_groundtruth_estimate0/data.csv");
   std::vector<Eigen::Vector3d> estimated, true_positions;

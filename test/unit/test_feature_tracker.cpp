@@ -298,6 +298,17 @@ TEST_F(FeatureTrackerTest, DarknessLosesTheTracksAndLightBringsNewOnes) {
   EXPECT_GT(after.features.front().track_id, before.features.back().track_id);
 }
 
+TEST_F(FeatureTrackerTest, TracksEndInALongGap) {
+  FeatureTracker tracker = makeTracker();
+  const cv::Mat image = render(cameraPose(12.0)), next = render(cameraPose(12.05));
+  const FeatureFrame first = tracker.track(0, image, std::nullopt);
+  const FeatureFrame second = tracker.track(fromSeconds(0.4), next, std::nullopt);
+  EXPECT_GT(kept(first, second), 0.6);
+  const FeatureFrame third = tracker.track(fromSeconds(1.0), image, std::nullopt);
+  EXPECT_EQ(kept(second, third), 0.0);
+  EXPECT_GT(third.features.size(), 120u);
+}
+
 TEST_F(FeatureTrackerTest, IdsAscendAndAreNeverUsedAgain) {
   FeatureTracker tracker = makeTracker();
   std::set<std::int64_t> seen;

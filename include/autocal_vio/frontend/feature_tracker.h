@@ -24,8 +24,9 @@ class FeatureTracker {
   FeatureTracker(const CameraModel& camera, const FeatureTrackerOptions& options);
 
   /// Tracks into `image` (CV_8UC1, the camera's size) and fills up with new corners.
-  /// Where it is the image before once more, every track stays to the last bit. `R_previous_current`: predicted
-  /// rotation, takes coordinates of the current camera frame to the previous one.
+  /// Where it is the image before once more, every track stays to the last bit; after half a second without images all
+  /// begin anew. `R_previous_current`: predicted rotation, takes coordinates of the current camera frame to the previous
+  /// one.
   FeatureFrame track(TimeNs stamp, const cv::Mat& image,
                      const std::optional<Eigen::Matrix3d>& R_previous_current);
 
@@ -57,6 +58,7 @@ class FeatureTracker {
   FeatureTrackerOptions options_;
   CornerDetector detector_;
   std::vector<cv::Mat> pyramid_;  ///< of the previous image
+  TimeNs last_stamp_ = 0;         ///< of that image
   std::vector<Track> tracks_;     ///< in ascending order of id
   std::int64_t next_id_ = 0;
 };
