@@ -64,7 +64,8 @@ std::string ContradictionMonitor::find(TimeNs stamp, const NoiseFactors& factors
     text << "gyroscope and images contradict each other (" << factors.gyroscope
          << " times its noise): the mount has slipped, or the IMU is at fault";
   } else if (recent && mountSlips(stamp, factors, *recent)) {
-    text << "the camera has moved on its mount, but not at once, or the IMU is at fault";
+    text << "the camera has moved on its mount, but not at once, or the IMU is at fault, or the intrinsics "
+            "are";
   }
   return text.str();
 }

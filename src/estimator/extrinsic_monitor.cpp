@@ -128,7 +128,7 @@ std::string whatIsKnown(const CalibrationSample& now, const Accuracy& accuracy, 
   if (!now.translation_held)
     text << (now.rotation_held ? "translation known to " : "translation to ")
          << roundedUp(accuracy.translation) << " mm";
-  text << " (sigma, worst axis), stable for " << stable_time << " s";
+  text << " by the motion alone (sigma, worst axis), stable for " << stable_time << " s";
   return text.str();
 }
 

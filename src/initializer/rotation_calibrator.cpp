@@ -318,8 +318,7 @@ void RotationCalibrator::judge(const RotationCalibration& solution) {
   } else if (!explainsResiduals(solution, options_)) {
     e.reason = withNumber(
         "camera and gyroscope contradict each other: residuals are %.1f times the noise (a gyroscope in "
-        "deg/s, axes of "
-        "another hand, stamps of another clock?)",
+        "deg/s, axes of another hand, stamps of another clock, intrinsics of another camera or image size?)",
         solution.residual_scale);
     if (e.motion_advice.empty()) e.motion_advice = "go on turning the rig about two axes";
   } else if (worst > limit) {

@@ -39,6 +39,7 @@ struct Snapshot {
   CalibrationEstimate calibration;
   bool known = false;
   VioState state = VioState::kWaitingForData;
+  std::string reason;
   CameraIntrinsics camera;
 };
 
@@ -128,6 +129,7 @@ bool CalibrationServices::save(SaveCalibration::Request& request, SaveCalibratio
     snapshot->calibration = system.lastUpdate().calibration;
     snapshot->known = system.calibrationKnown();
     snapshot->state = system.lastUpdate().state;
+    snapshot->reason = system.lastUpdate().reason;
     snapshot->camera = system.camera().intrinsics();
   };
   if (!runCommand(hooks_.worker(), command, &response)) return true;
@@ -159,7 +161,9 @@ bool CalibrationServices::save(SaveCalibration::Request& request, SaveCalibratio
     note(request.urdf_path + " (origin of joint " + joint + ")", problem);
   }
   response.success = problems.empty();
-  if (!written.empty()) response.message = "written: " + written;
+  if (!written.empty())
+    response.message =
+        "written: " + written + " (" + toString(snapshot->state) + ": " + snapshot->reason + ")";
   if (!problems.empty()) response.message += (written.empty() ? "" : "; but ") + problems;
   if (!written.empty()) {
     ROS_INFO_STREAM("saved in " << written << ":\n"
@@ -187,8 +191,7 @@ std::optional<std::string> CalibrationServices::saveUrdf(const SaveCalibration::
     *joint = changed.joint;
     return writeFileAtomically(request.urdf_path, changed.xml);
   } catch (const LoadProblems& error) {
-    return request.urdf_path + " was not written: " + error.oneLine() +
-           " (the request's camera_link and imu_link name the links)";
+    return request.urdf_path + " was not written: " + error.oneLine();
   }
 }
 

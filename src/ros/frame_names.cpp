@@ -14,6 +14,16 @@ void FrameNames::learnCamera(const std::string& frame_id) {
   if (camera_.empty()) camera_ = frameName(frame_id);
 }
 
+bool FrameNames::isImuInvented() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return imu_.empty();
+}
+
+bool FrameNames::isCameraInvented() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return camera_.empty() || camera_ == imu_;
+}
+
 std::string FrameNames::imu() const {
   const std::lock_guard<std::mutex> lock(mutex_);
   return imu_.empty() ? "imu_link" : imu_;

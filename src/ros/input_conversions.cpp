@@ -1,11 +1,13 @@
 #include "autocal_vio/ros/input_conversions.h"
 
 #include <cv_bridge/cv_bridge.h>
+#include <boost/make_shared.hpp>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <exception>
+#include <utility>
 
 namespace autocal_vio {
 namespace {
@@ -14,11 +16,34 @@ constexpr std::array<const char*, 12> kEncodings{{"mono8", "mono16", "bgr8", "rg
                                                   "bayer_bggr8", "bayer_gbrg8", "bayer_grbg8", "bayer_rggb16",
                                                   "bayer_bggr16", "bayer_gbrg16", "bayer_grbg16"}};
 
+constexpr double kDimmest16Bit = 4096.0;  // 16 gray levels of 8 bits
+
 bool isKnownEncoding(const std::string& encoding) {
   for (const char* known : kEncodings) {
     if (encoding == known) return true;
   }
   return false;
+}
+
+// cv_bridge turns the bytes of a big-endian message, and then takes them for two channels.
+sensor_msgs::ImageConstPtr littleEndian(const sensor_msgs::ImageConstPtr& message) {
+  const std::string& encoding = message->encoding;
+  if (!message->is_bigendian || encoding.size() < 2 || encoding.compare(encoding.size() - 2, 2, "16") != 0)
+    return message;
+  const sensor_msgs::ImagePtr turned = boost::make_shared<sensor_msgs::Image>(*message);
+  for (std::size_t i = 1; i < turned->data.size(); i += 2) std::swap(turned->data[i - 1], turned->data[i]);
+  turned->is_bigendian = 0;
+  return turned;
+}
+
+// A driver that puts the sensor's 10 or 12 bits into 16 as they are: of its brightest white 8 bits keep next to nothing.
+std::string darknessOf(const cv::Mat& image) {
+  if (image.depth() != CV_16U) return "";
+  double brightest = 0.0;
+  cv::minMaxLoc(image.reshape(1), nullptr, &brightest);
+  if (brightest >= kDimmest16Bit) return "";
+  return "the brightest of its 16-bit values is " + std::to_string(static_cast<int>(brightest)) +
+         ", which is black in 8 bits; publish mono8, or shift the values up to 65535";
 }
 
 bool isFinite(const geometry_msgs::Vector3& v) {
@@ -89,8 +114,10 @@ std::optional<ImageFrame> toImageFrame(const sensor_msgs::ImageConstPtr& message
     *problem = "width, height or data is empty";
   } else {
     try {
-      const cv_bridge::CvImageConstPtr grey = cv_bridge::toCvShare(message, "mono8");
-      return ImageFrame{toTimeNs(message->header.stamp), grey->image.clone()};
+      const cv_bridge::CvImageConstPtr image = cv_bridge::toCvShare(littleEndian(message));
+      *problem = darknessOf(image->image);
+      if (problem->empty())
+        return ImageFrame{toTimeNs(message->header.stamp), cv_bridge::cvtColor(image, "mono8")->image};
     } catch (const std::exception& error) {
       *problem = std::string("step and data do not fit the encoding: ") + error.what();
     }

@@ -16,7 +16,12 @@ constexpr std::size_t kArrivalsKept = 256;
 constexpr double kRateTolerance = 0.75;   // stamps jitter: closer than this share of an interval is too close
 constexpr double kLargestTimeStep = 5.0;  // of the ROS time between two looks at it [s]
 constexpr double kClocksDisagree = 1.0;   // between the newest stamps of image and IMU [s]
+// [s] exposure and transport take less; where an image has come just now they have to be nearer for once
+constexpr double kStampsApart = 0.3;
+constexpr double kApartFor = 2.0;          // [s]
+constexpr double kStreamRests = 0.5;       // [s] without messages its newest stamp says nothing of the clocks
 constexpr double kClockStandsStill = 2.0;  // wall clock [s]
+constexpr double kClockMayBegin = 3.0;     // wall clock [s]: a bag's player takes a while
 
 std::string seconds(double value) {
   char text[32];
@@ -40,8 +45,9 @@ SensorInputs::SensorInputs(const ros::NodeHandle& nh, const ros::NodeHandle& pri
       least_interval_(fromSeconds(kRateTolerance / max_image_rate)),
       last_ros_time_(ros::Time::now()),
       ros_time_changed_(ros::WallTime::now()),
-      image_topics_(ros::message_traits::datatype<sensor_msgs::Image>(), private_nh.getNamespace()),
-      imu_topics_(ros::message_traits::datatype<sensor_msgs::Imu>(), private_nh.getNamespace()) {}
+      image_topics_(image_topic_, ros::message_traits::datatype<sensor_msgs::Image>(),
+                    private_nh.getNamespace()),
+      imu_topics_(imu_topic_, ros::message_traits::datatype<sensor_msgs::Imu>(), private_nh.getNamespace()) {}
 
 void SensorInputs::subscribe() {
   const ros::TransportHints no_delay = ros::TransportHints().tcpNoDelay();
@@ -65,6 +71,7 @@ void SensorInputs::watch() {
   if (step > 0.0 && step < kLargestTimeStep) now_ += step;
   last_ros_time_ = ros_now;
   if (step < -0.1 && ros::Time::isSimTime()) clockJumped("ROS time went back by " + seconds(-step));
+  if (!(std::abs(stampsApart()) > kStampsApart)) near_until_ = now_;
 }
 
 std::optional<std::string> SensorInputs::silence() {
@@ -87,24 +94,29 @@ std::optional<std::string> SensorInputs::imuSilence(double limit) {
   return problem;
 }
 
+double SensorInputs::stampsApart() const {
+  if (!image_guard_.last() || !imu_guard_.last()) return 0.0;
+  return toSeconds(*image_guard_.last() - *imu_guard_.last());
+}
+
 std::optional<std::string> SensorInputs::disagreement() const {
-  if (image_guard_.last() && imu_guard_.last()) {
-    const double apart = toSeconds(*image_guard_.last() - *imu_guard_.last());
-    if (std::abs(apart) > kClocksDisagree) {
-      return "stamps of " + image_topic_ + " are " + seconds(std::abs(apart)) +
-             (apart > 0.0 ? " ahead of " : " behind ") + imu_topic_ +
-             ": the clocks disagree, or one topic arrives late";
-    }
-  }
-  return std::nullopt;
+  const double apart = stampsApart(), size = std::abs(apart);
+  if (image_watch_.silentFor(now_) > kStreamRests || imu_watch_.silentFor(now_) > kStreamRests)
+    return std::nullopt;
+  if (size < kClocksDisagree && (size < kStampsApart || now_ - near_until_ < kApartFor)) return std::nullopt;
+  return "stamps of " + image_topic_ + " are " + seconds(size) + (apart > 0.0 ? " ahead of " : " behind ") +
+         imu_topic_ + ": the clocks disagree, or one topic arrives late";
 }
 
 std::optional<std::string> SensorInputs::clockProblem() const {
   if (!ros::Time::isSimTime()) return std::nullopt;
-  if (last_ros_time_.isZero())
-    return "use_sim_time is set, but nothing has come on /clock yet (left over from a bag? then: "
-           "rosparam set use_sim_time false, and start again)";
   const double still = (ros::WallTime::now() - ros_time_changed_).toSec();
+  if (last_ros_time_.isZero()) {
+    if (still < kClockMayBegin) return std::nullopt;
+    return "use_sim_time is set, but nothing has come on /clock yet (the bag's player has not started: see "
+           "its "
+           "messages; or left over from a bag: rosparam set use_sim_time false, and start again)";
+  }
   if (still < kClockStandsStill) return std::nullopt;
   return "/clock has stood still for " + seconds(still) + " (playback paused or at its end)";
 }
@@ -158,6 +170,7 @@ void SensorInputs::handleImage(const sensor_msgs::ImageConstPtr& message) {
     return;
   }
   frames_->learnCamera(message->header.frame_id);
+  nameInventedFrames();
   {
     const std::lock_guard<std::mutex> lock(arrivals_mutex_);
     arrivals_.emplace_back(frame->stamp, ros::WallTime::now());
@@ -174,7 +187,8 @@ bool SensorInputs::skip(const ImageFrame& frame) {
   const TimeNs interval = frame.stamp - *image_guard_.last();
   if (interval <= 0 || interval >= least_interval_) return false;
   if (++images_skipped_ == 1) {
-    ROS_INFO_STREAM("images on " << image_topic_ << " come faster than ~max_image_rate: some are left out");
+    ROS_INFO_STREAM(private_nh_.getNamespace() << ": images on " << image_topic_
+                                               << " come faster than ~max_image_rate: some are left out");
   }
   return true;
 }
@@ -220,11 +234,27 @@ bool SensorInputs::judge(StampVerdict verdict, const std::string& topic, const s
   return false;
 }
 
+// Once, when both topics have told their frames: what others look for in tf may be called otherwise.
+void SensorInputs::nameInventedFrames() {
+  if (frames_named_ || !imu_guard_.last()) return;
+  frames_named_ = true;
+  const std::string name = private_nh_.getNamespace();
+  if (frames_->isImuInvented())
+    ROS_WARN_STREAM(name << ": the messages on " << imu_topic_
+                         << " have no frame_id: the IMU's frame is called '" << frames_->imu()
+                         << "' (see ~imu_frame)");
+  if (frames_->isCameraInvented())
+    ROS_WARN_STREAM(name << ": the images on " << image_topic_
+                         << " have no frame_id, or that of the IMU: the camera's frame is called '"
+                         << frames_->camera() << "' (see ~camera_frame)");
+}
+
 void SensorInputs::clockJumped(const std::string& what) {
   const ros::WallTime wall = ros::WallTime::now();
   // Both topics and the clock notice one and the same jump.
   if ((wall - last_jump_).toSec() > 2.0) {
-    ROS_WARN_STREAM(what << " (a bag that starts again?): starting anew, the calibration is kept");
+    ROS_WARN_STREAM(private_nh_.getNamespace()
+                    << ": " << what << " (a bag that starts again?): starting anew, the calibration is kept");
   }
   last_jump_ = wall;
   image_guard_.reset();

@@ -11,7 +11,8 @@ namespace {
 
 using diagnostic_msgs::DiagnosticStatus;
 
-constexpr double kSlowMs = 200.0;          // from the arrival of an image to its result
+constexpr double kSlowMs = 200.0;  // from the arrival of an image to its result
+constexpr double kWaitingOverComputing = 5.0;
 constexpr double kUnknownSigma = 1000.0;   // of the status message
 constexpr double kRateFactor = 1.3;        // between the IMU's rate and what the rig file says
 constexpr unsigned int kFewFeatures = 15;  // fewer carry no estimate for long
@@ -80,9 +81,12 @@ void VioDiagnostics::reportProcessing(diagnostic_updater::DiagnosticStatusWrappe
   } else if (status.images_processed == before_.status.images_processed) {
     report.summary(DiagnosticStatus::OK, "no image processed just now");
   }
+  const double computing = status.tracking_ms + status.initialization_ms + status.optimization_ms;
+  const bool waits = status.queue_length == 0 && status.latency_ms > kWaitingOverComputing * computing;
   if (status.latency_ms > kSlowMs)
-    report.summaryf(DiagnosticStatus::WARN, "late: %.0f ms (too slow a machine? see ~max_image_rate)",
-                    status.latency_ms);
+    report.summaryf(DiagnosticStatus::WARN, "late: %.0f ms (%s)", status.latency_ms,
+                    waits ? "images wait for IMU messages as new as they are: do their clocks agree?"
+                          : "too slow a machine? see ~max_image_rate");
   if (images + samples > 0) {
     report.summaryf(DiagnosticStatus::WARN,
                     "dropped just now: %lu images, %lu IMU messages (the log says why)", images, samples);

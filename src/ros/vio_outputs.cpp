@@ -32,9 +32,10 @@ VioOutputs::VioOutputs(const ros::NodeHandle& nh, const ros::NodeHandle& private
   ros::NodeHandle handle(private_nh);
   odometry_publisher_ = handle.advertise<nav_msgs::Odometry>("odometry", kQueue);
   imu_odometry_publisher_ = handle.advertise<nav_msgs::Odometry>("odometry_imu", 10 * kQueue);
-  path_publisher_ = handle.advertise<nav_msgs::Path>("path", 2);
+  path_publisher_ = handle.advertise<nav_msgs::Path>("path", 2, true);
   landmarks_publisher_ = handle.advertise<sensor_msgs::PointCloud2>("landmarks", 5);
-  extrinsics_publisher_ = handle.advertise<geometry_msgs::PoseWithCovarianceStamped>("extrinsics", kQueue);
+  extrinsics_publisher_ =
+      handle.advertise<geometry_msgs::PoseWithCovarianceStamped>("extrinsics", kQueue, true);
   status_publisher_ = handle.advertise<CalibrationStatus>("calibration_status", kQueue);
   tracks_publisher_ = image_transport::ImageTransport(handle).advertise("tracks", 2);
 }

@@ -15,12 +15,18 @@ namespace {
 const ros::WallDuration kWatchPeriod(0.25);
 constexpr double kRefusedFor = 1.0;     // [s] no image but refused ones, and the inputs are at fault
 constexpr double kImuMissingFor = 0.5;  // images are reported on without waiting for the IMU after this [s]
+constexpr double kStalledFor = 0.5;     // [s] wall clock
 
 ImuNoise scaledNoise(const ImuNoise& noise, const CalibrationEstimate& calibration) {
   ImuNoise scaled = noise;
   scaled.accelerometer_noise_density *= calibration.accelerometer_noise_factor;
   scaled.gyroscope_noise_density *= calibration.gyroscope_noise_factor;
   return scaled;
+}
+
+bool isSameCamera(const sensor_msgs::CameraInfo& a, const sensor_msgs::CameraInfo& b) {
+  return a.width == b.width && a.height == b.height && a.distortion_model == b.distortion_model &&
+         a.K == b.K && a.D == b.D;
 }
 
 }  // namespace
@@ -100,7 +106,13 @@ void VioRos::start(const RigModel& rig) {
 }
 
 void VioRos::cameraInfoCallback(const sensor_msgs::CameraInfo& message) {
-  if (worker()) return;
+  if (worker()) {
+    if (camera_info_ && !isSameCamera(*camera_info_, message))
+      log_.warn("camera_info changed",
+                "camera_info has changed since the intrinsics were taken from it; they stay in use until the "
+                "nodelet is loaded again");
+    return;
+  }
   std::string problem;
   RigModel rig = parameters_.rig;
   rig.camera = toCameraIntrinsics(message, &problem);
@@ -108,6 +120,7 @@ void VioRos::cameraInfoCallback(const sensor_msgs::CameraInfo& message) {
     if (rig.camera) {
       rig.completeCamera(&*rig.camera);
       start(rig);
+      camera_info_ = message;
       ROS_INFO_STREAM(name_ << ": intrinsics taken from camera_info, " << rig.camera->width << "x"
                             << rig.camera->height);
       return;
@@ -126,9 +139,10 @@ void VioRos::imageArrived(ImageFrame frame) {
   if (Worker* target = worker()) {
     if (outputs_.wantsTracks()) outputs_.tracks().remember(frame);
     target->add(std::move(frame));
-    // Without IMU no image is processed, yet each has its status.
-    if (const std::optional<std::string> text = inputs_->imuSilence(kImuMissingFor))
-      publishWaiting(stamp, *text);
+    // Without IMU samples of its time no image is processed, yet each has its status.
+    std::optional<std::string> text = inputs_->imuSilence(kImuMissingFor);
+    if (!text && hasStalled()) text = inputs_->disagreement();
+    if (text) publishWaiting(stamp, *text);
     return;
   }
   std::string reason;
@@ -165,6 +179,7 @@ void VioRos::updated(const VioUpdate& update) {
     const std::lock_guard<std::mutex> lock(mutex_);
     before = last_update_.state;
     last_update_ = update;
+    last_update_at_ = ros::WallTime::now();
     refusal_.clear();
   }
   if (update.state != before) {
@@ -226,7 +241,8 @@ void VioRos::publishStatus(const VioUpdate& update) {
   }
   {
     const std::lock_guard<std::mutex> lock(mutex_);
-    if (!input_remark_.empty()) status.reason += (status.reason.empty() ? "" : "; ") + input_remark_;
+    if (status.reason.find(input_remark_) == std::string::npos)
+      status.reason += (status.reason.empty() ? "" : "; ") + input_remark_;
     last_status_ = status;
   }
   outputs_.publishStatus(status);
@@ -249,6 +265,11 @@ std::optional<std::string> VioRos::refusal() const {
   const std::lock_guard<std::mutex> lock(mutex_);
   if (refusal_.empty() || (ros::WallTime::now() - refused_since_).toSec() < kRefusedFor) return std::nullopt;
   return refusal_;
+}
+
+bool VioRos::hasStalled() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return (ros::WallTime::now() - last_update_at_).toSec() > kStalledFor;
 }
 
 VioHealth VioRos::health() const {

@@ -81,7 +81,8 @@ void BagSource::open(Stream* stream) {
   } catch (const rosbag::BagUnindexedException&) {
     throw LoadProblems({path_ + ": the bag has no index (rosbag reindex repairs it)"});
   } catch (const std::exception& error) {
-    throw LoadProblems({path_ + ": cannot be read as a bag: " + error.what()});
+    throw LoadProblems({path_ + ": cannot be read as a bag: " + error.what() +
+                        " (if it was cut short, rosbag reindex may repair it)"});
   }
 }
 

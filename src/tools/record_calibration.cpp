@@ -91,7 +91,18 @@ void watch(const ProgramOptions& options, LiveRecorder* recorder) {
   }
 }
 
+// A NodeHandle would wait for it without end.
+void awaitMaster(double seconds) {
+  const ros::WallTime begin = ros::WallTime::now();
+  while (!ros::master::check()) {
+    if (!ros::ok() || (ros::WallTime::now() - begin).toSec() > seconds)
+      throw LoadProblems({"there is no ROS master at " + ros::master::getURI()});
+    ros::WallDuration(0.1).sleep();
+  }
+}
+
 void receive(const ProgramOptions& options, LiveRecorder* recorder) {
+  awaitMaster(options.wait);
   ros::NodeHandle nh;
   const ros::Subscriber subscribers[] = {
       nh.subscribe<CalibrationStatus>(
@@ -152,7 +163,10 @@ int recordCalibration(const ProgramOptions& options) {
     recorder.setTrueExtrinsics(*truth);
   }
   receive(options, &recorder);
-  if (recorder.empty()) throw LoadProblems({"no message on " + options.nodelet + "/calibration_status"});
+  if (recorder.empty())
+    throw LoadProblems({recorder.lastReason().empty()
+                            ? "no message on " + options.nodelet + "/calibration_status"
+                            : options.nodelet + " has processed no image: " + recorder.lastReason()});
   const CalibrationRunResult result = recorder.result();
   const Verdict verdict = judgeRun(result.record, false);
   writeResults(folder, result, verdict, rig, recorder.plotTruth());

@@ -91,11 +91,12 @@ def imu_message(stamp):
 
 
 class Sensors(threading.Thread):
-    """A camera (4 Hz) and an IMU (100 Hz) at rest. Each can be switched off; `shift` moves the stamps [s]."""
+    """A camera (4 Hz) and an IMU (100 Hz) at rest. Each can be switched off; `shift` moves the stamps, `imu_shift`
+    those of the IMU besides [s]."""
 
     def __init__(self, images=True, imu=True):
         super().__init__(daemon=True)
-        self.images, self.imu, self.shift = images, imu, 0.0
+        self.images, self.imu, self.shift, self.imu_shift = images, imu, 0.0, 0.0
         self.image_publisher = rospy.Publisher(IMAGE_TOPIC, Image, queue_size=20)
         self.imu_publisher = rospy.Publisher(IMU_TOPIC, Imu, queue_size=500)
         self.template = image_message(rospy.Time(1))
@@ -115,7 +116,7 @@ class Sensors(threading.Thread):
         while self.running and not rospy.is_shutdown():
             stamp = rospy.Time.now() + rospy.Duration(self.shift)
             if self.imu:
-                self.imu_publisher.publish(imu_message(stamp))
+                self.imu_publisher.publish(imu_message(stamp + rospy.Duration(self.imu_shift)))
             if self.images and tick % 25 == 0:
                 self.template.header.stamp = stamp
                 self.image_publisher.publish(self.template)

@@ -92,6 +92,28 @@ class Drivers(unittest.TestCase):
         self.assertAlmostEqual(numpy.median(numpy.diff(processed)), 1.0 / 30.0, places=3)
         self.assertEqual(statuses.last().images_dropped, 0)
 
+    def test_clocks_of_another_epoch(self):
+        sensors = Sensors()
+        self.addCleanup(sensors.stop)
+        sensors.imu_shift = -3600.0
+        statuses = self.load('/epochs')
+        self.assertIsNotNone(statuses.wait(lambda s: 's ahead of /imu0: the clocks disagree' in s.reason))
+        statuses.clear()
+        rospy.sleep(3.0)
+        told = statuses.messages()
+        self.assertGreater(len(told), 8)  # each of the 12 images has its status
+        self.assertTrue(all('the clocks disagree' in s.reason for s in told))
+
+    def test_clocks_a_little_apart(self):
+        sensors = Sensors()
+        self.addCleanup(sensors.stop)
+        sensors.imu_shift = 0.7
+        statuses = self.load('/apart')
+        self.assertIsNotNone(statuses.wait(lambda s: 's behind /imu0: the clocks disagree' in s.reason))
+        sensors.imu_shift = 0.0
+        statuses.clear()
+        self.assertIsNotNone(statuses.wait(lambda s: s.images_processed > 0 and 'clocks' not in s.reason))
+
     def test_misspelt_topics(self):
         sensors = Sensors()
         self.addCleanup(sensors.stop)

@@ -168,6 +168,18 @@ class LiveSimulation(unittest.TestCase):
             lambda d: any(s.name.endswith('outputs') and s.level == 1 and "the parent 'mast'" in s.message for s in d.status))
         self.assertIsNotNone(warned, 'the diagnostics do not name the conflict')
 
+    def test_8_no_loop_of_frames(self):
+        static = TransformStamped()
+        static.header.frame_id, static.child_frame_id = 'imu0', 'odom'
+        static.transform.rotation.w = 1.0
+        publisher = rospy.Publisher('/tf_static', TFMessage, queue_size=1, latch=True)
+        log = RosoutCollector()
+        publisher.publish(TFMessage([static]))
+        self.assertTrue(log.has("frame 'imu0' is above 'odom' already: a loop; not broadcasting 'odom' -> 'imu0'"))
+        self.all['tf'].clear()
+        rospy.sleep(1.0)
+        self.assertEqual(transforms(self.all['tf'], 'imu0'), [])
+
     def test_9_bump(self):
         bump = rospy.ServiceProxy('/simulated_rig/bump', BumpMount)
         before = self.all['truth_extrinsics'].last().pose

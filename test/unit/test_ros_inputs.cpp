@@ -43,6 +43,21 @@ TEST(ImageConversion, TakesEveryEncodingOfTheContract) {
   EXPECT_NEAR(deep->image.at<std::uint8_t>(3, 4), 128, 1);
 }
 
+TEST(ImageConversion, SixteenBitsOfEitherByteOrder) {
+  std::string problem;
+  const sensor_msgs::ImagePtr message = image("mono16", 2, 0);
+  for (std::size_t i = 0; i < message->data.size(); i += 2) message->data[i] = 0x80;
+  message->is_bigendian = 1;
+  const std::optional<ImageFrame> frame = toImageFrame(message, &problem);
+  ASSERT_TRUE(frame) << problem;
+  EXPECT_EQ(frame->image.type(), CV_8UC1);
+  EXPECT_NEAR(frame->image.at<std::uint8_t>(3, 4), 128, 1);
+  // Twelve bits that were not shifted.
+  for (std::size_t i = 0; i < message->data.size(); ++i) message->data[i] = i % 2 == 0 ? 0x0f : 0xf0;
+  EXPECT_FALSE(toImageFrame(message, &problem));
+  EXPECT_NE(problem.find("4080"), std::string::npos) << problem;
+}
+
 TEST(ImageConversion, CopiesThePixels) {
   std::string problem;
   const sensor_msgs::ImagePtr message = image("mono8", 1, 10);
@@ -249,11 +264,22 @@ TEST(FrameName, LosesItsSlashes) {
 }
 
 TEST(TopicHint, NamesWhatThereIs) {
-  EXPECT_EQ(topicHint({}), ": nobody publishes it");
-  EXPECT_EQ(topicHint({"/right/image", "/left/image"}),
-            ": nobody publishes it; messages of its type are on /left/image, /right/image");
-  EXPECT_EQ(topicHint({"/e", "/d", "/c", "/b", "/a"}),
+  const auto hint = [](const std::vector<std::pair<std::string, std::string>>& published) {
+    ros::master::V_TopicInfo topics;
+    for (const auto& [name, type] : published) topics.emplace_back(name, type);
+    return topicHint("/imu", "sensor_msgs/Imu", topics);
+  };
+  const std::string imu = "sensor_msgs/Imu";
+  EXPECT_EQ(hint({}), ": nobody publishes it");
+  EXPECT_EQ(hint({{"/right", imu}, {"/left", imu}, {"/wheels", "nav_msgs/Odometry"}}),
+            ": nobody publishes it; messages of its type are on /left, /right");
+  EXPECT_EQ(hint({{"/e", imu}, {"/d", imu}, {"/c", imu}, {"/b", imu}, {"/a", imu}}),
             ": nobody publishes it; messages of its type are on /a, /b, /c, /d, ...");
+  EXPECT_EQ(hint({{"/imu", "nav_msgs/Odometry"}, {"/imu0", imu}}),
+            ": what is published there is nav_msgs/Odometry, not sensor_msgs/Imu; messages of its type are "
+            "on /imu0");
+  EXPECT_EQ(topicHint("/image", "sensor_msgs/Image", {{"/image/compressed", "sensor_msgs/CompressedImage"}}),
+            ": nobody publishes it; there is /image/compressed (see ~image_transport)");
 }
 
 }  // namespace

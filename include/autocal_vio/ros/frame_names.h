@@ -20,6 +20,8 @@ class FrameNames {
   std::string imu() const;
   /// "camera_optical" while unknown, or where the name is that of the IMU's frame.
   std::string camera() const;
+  bool isImuInvented() const;
+  bool isCameraInvented() const;
 
  private:
   mutable std::mutex mutex_;

@@ -55,7 +55,7 @@ class SensorInputs {
   std::optional<std::string> silence();
   /// No IMU message for `limit` seconds.
   std::optional<std::string> imuSilence(double limit = SilenceWatch::kLimit);
-  /// Stamps of image and IMU that are far apart.
+  /// Stamps of image and IMU that are far apart, at once or for long, while both topics go on.
   std::optional<std::string> disagreement() const;
 
   // Any thread:
@@ -81,6 +81,9 @@ class SensorInputs {
   bool skip(const ImageFrame& frame);
   /// True when the message may be used.
   bool judge(StampVerdict verdict, const std::string& topic, const std::string& frame_id);
+  /// Of the newest image and IMU message, positive where the image is ahead [s]; 0 while one is missing.
+  double stampsApart() const;
+  void nameInventedFrames();
   void clockJumped(const std::string& what);
   std::optional<std::string> clockProblem() const;
   std::optional<std::string> imageSilence();
@@ -102,7 +105,9 @@ class SensorInputs {
   StampGuard image_guard_;
   StampGuard imu_guard_;
   cv::Size last_image_size_;
-  double now_ = 0.0;  ///< ROS time that has passed, jumps left out [s]
+  double now_ = 0.0;         ///< ROS time that has passed, jumps left out [s]
+  double near_until_ = 0.0;  ///< when the stamps of both topics were last near each other, by now_ [s]
+  bool frames_named_ = false;
   ros::Time last_ros_time_;
   ros::WallTime ros_time_changed_;  ///< when last_ros_time_ last changed
   ros::WallTime last_jump_;

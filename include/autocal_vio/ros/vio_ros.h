@@ -49,6 +49,8 @@ class VioRos {
   /// The last state once more, with `reason` why there is nothing newer.
   void publishWaiting(TimeNs stamp, const std::string& reason);
   std::optional<std::string> refusal() const;
+  /// No image has been processed for a while.
+  bool hasStalled() const;
   VioHealth health() const;
 
   const std::string name_;
@@ -60,12 +62,14 @@ class VioRos {
   // Guarded by mutex_:
   mutable std::mutex mutex_;
   VioUpdate last_update_;
+  ros::WallTime last_update_at_;
   CalibrationStatus last_status_;
   std::string waiting_for_;   ///< why there is no worker yet
   std::string input_remark_;  ///< what is wrong with the stamps
   std::string refusal_;       ///< of the last image; empty once one is processed
   ros::WallTime refused_since_;
   // Used by the callbacks' thread only:
+  std::optional<sensor_msgs::CameraInfo> camera_info_;  ///< that the intrinsics are from
   std::unique_ptr<VioDiagnostics> diagnostics_;
   // The inputs feed the worker, the worker feeds the outputs; ~VioRos ends them in this order.
   std::unique_ptr<SensorInputs> inputs_;

@@ -39,6 +39,8 @@ class LiveRecorder {
   void addTrueAccelerometerBias(const geometry_msgs::Vector3Stamped& bias);
 
   bool empty() const { return updates_.empty(); }
+  /// Of the last status, whether or not it is an image's.
+  std::string lastReason() const { return last_ ? last_->reason : ""; }
   /// Signs of input: images' statuses, odometry, clock, truth. No more of them means that the input has ended.
   std::size_t received() const { return received_; }
   /// Seconds from the first image to the last, and from the first converged one to the last; none: never converged.
