@@ -5,9 +5,17 @@
 #include "autocal_vio/geometry/so3.h"
 
 namespace autocal_vio {
+namespace {
 
-Propagator::Propagator(double gravity_magnitude, TimeNs horizon)
-    : gravity_magnitude_(gravity_magnitude), horizon_(horizon), buffer_(horizon) {}
+// Sum of the axes [m^2].
+double positionVariance(const MotionState& state) {
+  return state.covariance.topLeftCorner<3, 3>().trace();
+}
+
+}  // namespace
+
+Propagator::Propagator(double gravity_magnitude, const PropagationLimits& limits)
+    : gravity_magnitude_(gravity_magnitude), limits_(limits), buffer_(fromSeconds(limits.time)) {}
 
 std::optional<MotionState> Propagator::add(const ImuSample& sample) {
   const std::lock_guard<std::mutex> lock(mutex_);
@@ -15,12 +23,13 @@ std::optional<MotionState> Propagator::add(const ImuSample& sample) {
   bool added = false;
   for (const ImuSample& usable : glitch_filter_.add(sample).samples)
     added = buffer_.add(usable) == ImuBuffer::AddResult::kAdded || added;
-  if (!added || !current_ || buffer_.newest() - rebased_at_ > horizon_) return std::nullopt;
+  if (!added || !current_ || buffer_.newest() - rebased_at_ > fromSeconds(limits_.time)) return std::nullopt;
   const std::vector<ImuSample> samples = buffer_.slice(current_->stamp, buffer_.newest());
   if (samples.empty()) return std::nullopt;
   for (std::size_t i = 1; i < samples.size(); ++i) {
     propagate(samples[i - 1], samples[i], bias_, noise_, gravity_magnitude_, &*current_);
   }
+  if (positionVariance(*current_) - variance_then_ > limits_.drift * limits_.drift) return std::nullopt;
   return current_;
 }
 
@@ -28,6 +37,7 @@ void Propagator::rebase(const MotionState& state, const ImuBias& bias, const Imu
   const std::lock_guard<std::mutex> lock(mutex_);
   current_ = state;
   rebased_at_ = state.stamp;
+  variance_then_ = positionVariance(state);
   bias_ = bias;
   noise_ = noise;
 }

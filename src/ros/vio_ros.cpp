@@ -24,6 +24,11 @@ ImuNoise scaledNoise(const ImuNoise& noise, const CalibrationEstimate& calibrati
   return scaled;
 }
 
+// As the estimator goes on without images.
+PropagationLimits limitsOf(const EstimatorOptions& options) {
+  return {options.max_blind_time, options.max_position_drift};
+}
+
 bool isSameCamera(const sensor_msgs::CameraInfo& a, const sensor_msgs::CameraInfo& b) {
   return a.width == b.width && a.height == b.height && a.distortion_model == b.distortion_model &&
          a.K == b.K && a.D == b.D;
@@ -37,7 +42,7 @@ VioRos::VioRos(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh,
       parameters_(loadVioParameters(private_nh)),
       log_(name_),
       frames_(parameters_.imu_frame, parameters_.camera_frame),
-      propagator_(parameters_.options.estimator.gravity_magnitude),
+      propagator_(parameters_.options.estimator.gravity_magnitude, limitsOf(parameters_.options.estimator)),
       outputs_(nh, private_nh, parameters_, &frames_, &log_) {
   for (const std::string& remark : parameters_.remarks) ROS_WARN_STREAM(name_ << ": " << remark);
   if (parameters_.rig.extrinsics_prior) {

@@ -96,7 +96,7 @@ TEST(Propagator, WaitsForSamplesToReachAStateAheadOfThem) {
 
 TEST(Propagator, RefusesBadSamplesAndStaleStates) {
   const CircleMotion motion = biasedCircle();
-  Propagator propagator(kGravity, kNsPerSecond);
+  Propagator propagator(kGravity, {1.0, 100.0});
   propagator.add(motion.sample(0));
   propagator.rebase(motion.state(0), motion.bias, ImuNoise());
   EXPECT_TRUE(propagator.add(motion.sample(kStep)).has_value());
@@ -106,6 +106,23 @@ TEST(Propagator, RefusesBadSamplesAndStaleStates) {
   EXPECT_FALSE(propagator.add(broken).has_value());
   EXPECT_TRUE(propagator.add(motion.sample(2 * kStep)).has_value());
   EXPECT_FALSE(propagator.add(motion.sample(kNsPerSecond + kStep)).has_value());
+}
+
+TEST(Propagator, EndsWhereThePositionIsNotKnownAnyMore) {
+  const CircleMotion motion = biasedCircle();
+  Propagator propagator(kGravity, {10.0, 1.0});
+  propagator.add(motion.sample(0));
+  MotionState state = motion.state(0);
+  state.covariance.topLeftCorner<3, 3>() =
+      25.0 * Eigen::Matrix3d::Identity();  // what was not known before is no drift
+  state.covariance.block<3, 3>(6, 6) = 0.25 * Eigen::Matrix3d::Identity();
+  propagator.rebase(state, motion.bias, ImuNoise());
+  TimeNs last = 0;
+  for (TimeNs stamp = kStep; stamp < 3 * kNsPerSecond; stamp += kStep)
+    if (propagator.add(motion.sample(stamp))) last = stamp;
+  EXPECT_NEAR(toSeconds(last), 1.0 / std::sqrt(3 * 0.25), 0.02);
+  propagator.rebase(motion.state(3 * kNsPerSecond), motion.bias, ImuNoise());
+  EXPECT_TRUE(propagator.add(motion.sample(3 * kNsPerSecond)).has_value());
 }
 
 TEST(Propagator, OneWrongSampleDoesNotShow) {

@@ -22,15 +22,19 @@ struct MotionState {
   Matrix15d covariance = Matrix15d::Zero();                      ///< with the biases that were taken off
 };
 
+/// How far a state is carried on by the IMU alone.
+struct PropagationLimits {
+  double time = 10.0;  ///< [s]; bounds the memory, too
+  double drift = 1.0;  ///< sigma by which the position has become less certain meanwhile [m]
+};
+
 /// Thread-safe: samples may come from one thread and new states from another.
 class Propagator {
  public:
-  /// `horizon`: how long a state is carried on at most [ns]; bounds the memory, too.
-  explicit Propagator(double gravity_magnitude, TimeNs horizon = 2 * kNsPerSecond);
+  explicit Propagator(double gravity_magnitude, const PropagationLimits& limits = PropagationLimits());
 
   /// Adds a sample and carries the state on to it. Nothing while no state is known, when the sample is not
-  /// newer than the last (or not plausible), or may be a glitch (the next one tells), or when the last state is older than
-  /// the horizon.
+  /// newer than the last (or not plausible), or may be a glitch (the next one tells), or beyond the limits.
   std::optional<MotionState> add(const ImuSample& sample);
 
   /// Takes a new state of the estimator; the next add() goes on from it through all samples newer than it.
@@ -42,13 +46,14 @@ class Propagator {
 
  private:
   const double gravity_magnitude_;
-  const TimeNs horizon_;
+  const PropagationLimits limits_;
   std::mutex mutex_;
   // Guarded by mutex_:
   ImuGlitchFilter glitch_filter_;
   ImuBuffer buffer_;
   std::optional<MotionState> current_;  ///< carried on to the newest sample
   TimeNs rebased_at_ = 0;               ///< stamp of the estimator's state
+  double variance_then_ = 0.0;          ///< of its position, sum of the axes [m^2]
   ImuBias bias_;
   ImuNoise noise_;
 };
