@@ -118,7 +118,7 @@ VioParameters loadVioParameters(const ros::NodeHandle& private_nh) {
   parameters.publish_odom_tf = reader.flag("publish_odom_tf", parameters.publish_odom_tf);
   parameters.publish_camera_tf = reader.flag("publish_camera_tf", parameters.publish_camera_tf);
   parameters.publish_diagnostics = reader.flag("publish_diagnostics", parameters.publish_diagnostics);
-  parameters.max_image_rate = reader.number("max_image_rate", parameters.max_image_rate, 1.0, 1000.0);
+  parameters.max_image_rate = reader.number("max_image_rate", parameters.max_image_rate, 3.0, 1000.0);
   parameters.queue_size = reader.integer("queue_size", parameters.queue_size, 1, 1000);
   parameters.path_length = reader.integer("path_length", parameters.path_length, 1, 1000000);
   checkFrames(&reader, parameters);
