@@ -72,6 +72,8 @@ void SensorInputs::watch() {
   last_ros_time_ = ros_now;
   if (step < -0.1 && ros::Time::isSimTime()) clockJumped("ROS time went back by " + seconds(-step));
   if (!(std::abs(stampsApart()) > kStampsApart)) near_until_ = now_;
+  nameSecondPublisher(imu_subscriber_.getNumPublishers(), imu_topic_);
+  nameSecondPublisher(image_subscriber_.getNumPublishers(), image_topic_);
 }
 
 std::optional<std::string> SensorInputs::silence() {
@@ -247,6 +249,13 @@ void SensorInputs::nameInventedFrames() {
     ROS_WARN_STREAM(name << ": the images on " << image_topic_
                          << " have no frame_id, or that of the IMU: the camera's frame is called '"
                          << frames_->camera() << "' (see ~camera_frame)");
+}
+
+// Two cameras or IMUs on one topic look like one that is mad.
+void SensorInputs::nameSecondPublisher(std::uint32_t publishers, const std::string& topic) {
+  if (publishers > 1)
+    log_->warn("publishers " + topic, std::to_string(publishers) + " nodes publish " + topic +
+                                          ": their messages are taken for one sensor's");
 }
 
 void SensorInputs::clockJumped(const std::string& what) {

@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 """What camera and IMU drivers differ in: encodings, rates, names of topics."""
+import subprocess
 import time
 import unittest
 
@@ -11,7 +12,7 @@ from sensor_msgs.msg import Image
 
 from autocal_vio.msg import CalibrationStatus
 
-from ros_test_support import HEIGHT, WIDTH, Collector, Sensors, image_message, load_nodelet, set_parameters
+from ros_test_support import HEIGHT, WIDTH, Collector, RosoutCollector, Sensors, image_message, load_nodelet, set_parameters
 from ros_test_support import unload_nodelet
 
 MANAGER = '/manager'
@@ -113,6 +114,17 @@ class Drivers(unittest.TestCase):
         sensors.imu_shift = 0.0
         statuses.clear()
         self.assertIsNotNone(statuses.wait(lambda s: s.images_processed > 0 and 'clocks' not in s.reason))
+
+    def test_two_publishers_on_one_topic(self):
+        sensors = Sensors()
+        self.addCleanup(sensors.stop)
+        log = RosoutCollector()
+        self.load('/crowded')
+        # Two publishers of one node count as one: this one is another node's.
+        talker = subprocess.Popen(['rostopic', 'pub', '-r', '1', '/imu0', 'sensor_msgs/Imu', '{}'])
+        self.addCleanup(talker.wait)
+        self.addCleanup(talker.terminate)
+        self.assertTrue(log.has('2 nodes publish /imu0'))
 
     def test_misspelt_topics(self):
         sensors = Sensors()

@@ -35,7 +35,7 @@ TEST(FeatureSystem, ExactDataGivesTheExactCalibration) {
 }
 
 TEST(FeatureSystem, EurocNoiseFromNothing) {
-  for (int seed = 1; seed <= seeds(10); ++seed) {
+  for (int seed = 1; seed <= seeds(5); ++seed) {
     FeatureSimulationOptions simulation = FeatureSimulationOptions::euroc(seed);
     simulation.motion.duration = 40.0;
     const SystemOutcome outcome = runFromNothing(simulation);

@@ -146,7 +146,7 @@ bool everSays(const FaultRun& run, const std::string& text) {
 
 // It passes for a camera that is elsewhere for the time of one image.
 TEST(ImageFaults, OneWrongStampIsNoMovedMount) {
-  for (std::uint64_t seed = 1; seed <= 3; ++seed) {
+  for (std::uint64_t seed = 1; seed <= 2; ++seed) {
     for (const double late : {0.01, 0.02, 0.03}) {
       Stream stream = eurocStream(seed, 20.0);
       stream.delayStamp(16.0, late);

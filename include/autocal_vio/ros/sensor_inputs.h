@@ -84,6 +84,7 @@ class SensorInputs {
   /// Of the newest image and IMU message, positive where the image is ahead [s]; 0 while one is missing.
   double stampsApart() const;
   void nameInventedFrames();
+  void nameSecondPublisher(std::uint32_t publishers, const std::string& topic);
   void clockJumped(const std::string& what);
   std::optional<std::string> clockProblem() const;
   std::optional<std::string> imageSilence();
