@@ -72,8 +72,6 @@ void SensorInputs::watch() {
   last_ros_time_ = ros_now;
   if (step < -0.1 && ros::Time::isSimTime()) clockJumped("ROS time went back by " + seconds(-step));
   if (!(std::abs(stampsApart()) > kStampsApart)) near_until_ = now_;
-  nameSecondPublisher(imu_subscriber_.getNumPublishers(), imu_topic_);
-  nameSecondPublisher(image_subscriber_.getNumPublishers(), image_topic_);
 }
 
 std::optional<std::string> SensorInputs::silence() {
@@ -116,8 +114,7 @@ std::optional<std::string> SensorInputs::clockProblem() const {
   if (last_ros_time_.isZero()) {
     if (still < kClockMayBegin) return std::nullopt;
     return "use_sim_time is set, but nothing has come on /clock yet (the bag's player has not started: see "
-           "its "
-           "messages; or left over from a bag: rosparam set use_sim_time false, and start again)";
+           "its messages; or left over from a bag: rosparam set use_sim_time false, and start again)";
   }
   if (still < kClockStandsStill) return std::nullopt;
   return "/clock has stood still for " + seconds(still) + " (playback paused or at its end)";
@@ -251,11 +248,14 @@ void SensorInputs::nameInventedFrames() {
                          << frames_->camera() << "' (see ~camera_frame)");
 }
 
-// Two cameras or IMUs on one topic look like one that is mad.
-void SensorInputs::nameSecondPublisher(std::uint32_t publishers, const std::string& topic) {
-  if (publishers > 1)
-    log_->warn("publishers " + topic, std::to_string(publishers) + " nodes publish " + topic +
-                                          ": their messages are taken for one sensor's");
+void SensorInputs::warnOfSecondPublishers() {
+  const std::pair<std::uint32_t, const std::string&> topics[] = {
+      {image_subscriber_.getNumPublishers(), image_topic_}, {imu_subscriber_.getNumPublishers(), imu_topic_}};
+  for (const auto& [publishers, topic] : topics) {
+    if (publishers > 1)
+      log_->warn("publishers " + topic, std::to_string(publishers) + " nodes publish " + topic +
+                                            ": their messages are taken for those of one sensor");
+  }
 }
 
 void SensorInputs::clockJumped(const std::string& what) {

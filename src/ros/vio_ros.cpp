@@ -219,6 +219,7 @@ void VioRos::commandDone(VioUpdate update) {
 
 void VioRos::watch() {
   inputs_->watch();
+  inputs_->warnOfSecondPublishers();
   if (const std::optional<std::string> silence = inputs_->silence()) {
     publishWaiting(toTimeNs(ros::Time::now()), *silence);
     log_.warn("silence", *silence);

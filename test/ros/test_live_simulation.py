@@ -26,6 +26,16 @@ def transforms(collector, child):
     return [t for m in collector.messages() for t in m.transforms if t.child_frame_id == child]
 
 
+def broadcast_static(parent, child):
+    """As another node would; the publisher."""
+    transform = TransformStamped()
+    transform.header.frame_id, transform.child_frame_id = parent, child
+    transform.transform.rotation.w = 1.0
+    publisher = rospy.Publisher('/tf_static', TFMessage, queue_size=1, latch=True)
+    publisher.publish(TFMessage([transform]))
+    return publisher
+
+
 class LiveSimulation(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
@@ -152,12 +162,9 @@ class LiveSimulation(unittest.TestCase):
             self.assertTrue(all(t.header.stamp.to_nsec() in images for t in found[:-5]))
 
     def test_8_no_frame_gets_a_second_parent(self):
-        static = TransformStamped()
-        static.header.frame_id, static.child_frame_id = 'mast', 'cam0'
-        static.transform.rotation.w = 1.0
-        publisher = rospy.Publisher('/tf_static', TFMessage, queue_size=1, latch=True)
         log = RosoutCollector()
-        publisher.publish(TFMessage([static]))
+        others = broadcast_static('mast', 'cam0')
+        self.addCleanup(others.unregister)
         rospy.sleep(2.0)
         self.all['tf'].clear()
         self.assertTrue(wait_for(lambda: len(transforms(self.all['tf'], 'imu0')) > 10, 5.0))
@@ -169,12 +176,9 @@ class LiveSimulation(unittest.TestCase):
         self.assertIsNotNone(warned, 'the diagnostics do not name the conflict')
 
     def test_8_no_loop_of_frames(self):
-        static = TransformStamped()
-        static.header.frame_id, static.child_frame_id = 'imu0', 'odom'
-        static.transform.rotation.w = 1.0
-        publisher = rospy.Publisher('/tf_static', TFMessage, queue_size=1, latch=True)
         log = RosoutCollector()
-        publisher.publish(TFMessage([static]))
+        others = broadcast_static('imu0', 'odom')
+        self.addCleanup(others.unregister)
         self.assertTrue(log.has("frame 'imu0' is above 'odom' already: a loop; not broadcasting 'odom' -> 'imu0'"))
         self.all['tf'].clear()
         rospy.sleep(1.0)

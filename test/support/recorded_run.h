@@ -6,6 +6,8 @@
 #include <cstdlib>
 #include <filesystem>
 #include <limits>
+#include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -50,6 +52,37 @@ struct ImageGap {
   double begin = 0.0, end = 0.0;
 };
 
+/// A source whose images of that time are missing.
+class GappedSource : public SensorSource {
+ public:
+  GappedSource(std::unique_ptr<SensorSource> source, const ImageGap& gap)
+      : source_(std::move(source)), gap_(gap), first_(source_->imageStamp().value()) {}
+
+  std::optional<TimeNs> imuStamp() override { return source_->imuStamp(); }
+  ImuSample takeImu() override { return source_->takeImu(); }
+  std::optional<TimeNs> imageStamp() override {
+    std::optional<TimeNs> stamp = source_->imageStamp();
+    for (; stamp && isMissing(*stamp); stamp = source_->imageStamp()) source_->skipImage();
+    return stamp;
+  }
+  std::optional<ImageFrame> takeImage() override { return source_->takeImage(); }
+  void skipImage() override { source_->skipImage(); }
+  std::size_t imageCount() const override { return source_->imageCount(); }
+  std::size_t badImu() const override { return source_->badImu(); }
+  std::size_t badImages() const override { return source_->badImages(); }
+  std::string description() const override { return source_->description(); }
+
+ private:
+  bool isMissing(TimeNs stamp) const {
+    const double time = toSeconds(stamp - first_);
+    return time >= gap_.begin && time < gap_.end;
+  }
+
+  std::unique_ptr<SensorSource> source_;
+  ImageGap gap_;
+  TimeNs first_;
+};
+
 inline RecordedOutcome runRecorded(const std::string& mav0, bool true_extrinsics_as_prior,
                                    const ImageGap& gap = ImageGap()) {
   const WarningSink warn = [](const std::string& text) { ADD_FAILURE() << text; };
@@ -59,20 +92,10 @@ inline RecordedOutcome runRecorded(const std::string& mav0, bool true_extrinsics
   OpenedDataset dataset = openDataset(request, warn);
   const Transform truth = dataset.reference_T_imu_cam.value();
   if (true_extrinsics_as_prior) dataset.rig.extrinsics_prior = ExtrinsicsPrior{truth, 0.5 * kDegree, 0.01};
-  DatasetReader reader(std::move(dataset.source), DatasetWindow());
+  DatasetReader reader(std::make_unique<GappedSource>(std::move(dataset.source), gap), DatasetWindow());
   RecordedOutcome outcome;
   CalibrationRun run(dataset.rig, VioOptions());
-  while (const std::optional<DatasetItem> item = reader.next()) {
-    if (const ImuSample* sample = std::get_if<ImuSample>(&*item)) {
-      run.addImu(*sample);
-      continue;
-    }
-    const ImageFrame& frame = std::get<ImageFrame>(*item);
-    const double time = toSeconds(frame.stamp - reader.firstImageStamp());
-    std::string problem;
-    if ((time < gap.begin || time >= gap.end) && !run.addImage(frame, &problem)) warn(problem);
-  }
-  outcome.result = run.result();
+  outcome.result = runCalibration(&run, &reader, warn, [](double /*fraction*/, VioState /*state*/) {});
   const std::vector<RunRow>& rows = outcome.result.record.rows();
   const std::vector<TimedPose> poses = readTrajectory(mav0 + "/state_groundtruth_estimate0/data.csv");
   std::vector<Eigen::Vector3d> estimated, true_positions;

@@ -3,6 +3,7 @@
 
 #include <cstdlib>
 
+#include "figure_table.h"
 #include "system_run.h"
 
 namespace autocal_vio {
@@ -10,11 +11,6 @@ namespace {
 
 bool verbose() {
   return std::getenv("AUTOCAL_VIO_VERBOSE") != nullptr;
-}
-
-int seeds(int standard) {
-  const char* wanted = std::getenv("AUTOCAL_VIO_SEEDS");
-  return wanted ? std::atoi(wanted) : standard;
 }
 
 SystemOutcome runFromNothing(const FeatureSimulationOptions& simulation) {

@@ -50,6 +50,9 @@ class SensorInputs {
   /// Looks at the clocks; to be called a few times a second from the callbacks' thread.
   void watch();
 
+  /// Two cameras or IMUs on one topic look like one that is mad. As watch().
+  void warnOfSecondPublishers();
+
   // In words, where something is wrong with the inputs; from the callbacks' thread:
   /// A topic that has been silent for 1.5 s, or a clock that stands still.
   std::optional<std::string> silence();
@@ -84,7 +87,6 @@ class SensorInputs {
   /// Of the newest image and IMU message, positive where the image is ahead [s]; 0 while one is missing.
   double stampsApart() const;
   void nameInventedFrames();
-  void nameSecondPublisher(std::uint32_t publishers, const std::string& topic);
   void clockJumped(const std::string& what);
   std::optional<std::string> clockProblem() const;
   std::optional<std::string> imageSilence();
