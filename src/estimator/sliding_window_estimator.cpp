@@ -18,10 +18,9 @@ constexpr double kFunctionTolerance = 1e-5;  // relative change of the cost at w
 constexpr double kPixelSigmaGain = 0.05;     // per keyframe
 // Of the last keyframe's tracks still seen, or it is time for another.
 constexpr double kSmallestTrackShare = 0.5;
-constexpr std::size_t kFewestPoints = 8;     // seen before, or the image ties nothing to the window
-constexpr double kMovedSinceRepeated = 1.0;  // [px] by the IMU, while no track has moved at all
-constexpr double kFitRotation = 0.005;       // [rad] sigma of where the newest image says that the camera is
-constexpr double kFitTranslation = 0.01;     // [m] several times the error of such fits in simulation
+constexpr std::size_t kFewestPoints = 8;  // seen before, or the image ties nothing to the window
+constexpr double kFitRotation = 0.005;    // [rad] sigma of where the newest image says that the camera is
+constexpr double kFitTranslation = 0.01;  // [m] several times the error of such fits in simulation
 constexpr BlockKey kRotationKey{-1, BlockKind::kExtrinsicRotation};
 constexpr BlockKey kTranslationKey{-1, BlockKind::kExtrinsicTranslation};
 constexpr double kStandingSpeed = 0.1;  // [m/s] an estimate of more, by kStandingSigmas, does not stand

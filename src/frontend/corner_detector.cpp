@@ -74,10 +74,9 @@ std::vector<int> CornerDetector::cellsToSearch(int missing) const {
   return cells;
 }
 
-std::vector<cv::Point2f> CornerDetector::detect(const cv::Mat& image,
-                                                const std::vector<cv::Point2f>& tracks) {
+std::vector<cv::Point2f> CornerDetector::detect(const cv::Mat& image, const std::vector<cv::Point2f>& tracks,
+                                                int missing) {
   ++image_;
-  int missing = options_.max_features - static_cast<int>(tracks.size());
   std::vector<cv::Point2f> corners;
   if (missing <= 0) return corners;
   for (Cell& cell : cells_) cell.tracks = 0;

@@ -1,51 +1,28 @@
 #include "autocal_vio/frontend/feature_tracker.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
-#include <cmath>
-#include <opencv2/calib3d.hpp>
-#include <opencv2/video/tracking.hpp>
+#include <memory>
+#include <opencv2/core.hpp>
 #include <utility>
+#include <vector>
 
 namespace autocal_vio {
 namespace {
 
-constexpr double kBorder = 4.0;                // [px] a patch nearer to the edge is mostly outside
-constexpr std::size_t kMinForOutliers = 12;    // tracks for a two-view geometry
-constexpr float kLargestMagnification = 2.0F;  // of a reference, or its inverse
-constexpr double kMinEigenvalue = 1e-4;        // of the patch's gradient matrix: below it is no texture
-constexpr double kSameExposure = 1.2;          // ratio of brightness that the flow does not mind
-constexpr double kLargestExposure = 4.0;       // that of an exposure: the lens is covered, or a lamp goes on
-constexpr int kExposurePatch = 9;              // [px]
 // [s] into an image this much later the flow finds look-alikes, enough of which agree upon some motion to be believed
 constexpr double kLongestGap = 0.5;
-const cv::TermCriteria kTermination(cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 30, 0.01);
-
-cv::Point2f toCv(const Eigen::Vector2d& v) {
-  return {static_cast<float>(v.x()), static_cast<float>(v.y())};
-}
-
-// Mean brightness around a pixel [gray levels], at least 1; nothing at the edge.
-std::optional<double> brightness(const cv::Mat& image, const cv::Point2f& pixel) {
-  const cv::Rect patch(cvRound(pixel.x) - kExposurePatch / 2, cvRound(pixel.y) - kExposurePatch / 2,
-                       kExposurePatch, kExposurePatch);
-  if ((patch & cv::Rect(cv::Point(), image.size())) != patch) return std::nullopt;
-  return std::max(1.0, cv::mean(image(patch))[0]);
-}
-
-// How many times as bright the points were in the image before, in the median: 1 where the exposure is the same.
-double exposureBefore(const cv::Mat& image_before, const std::vector<cv::Point2f>& before,
-                      const cv::Mat& image, const std::vector<cv::Point2f>& predicted) {
-  std::vector<double> ratios;
-  for (std::size_t i = 0; i < before.size(); ++i) {
-    const std::optional<double> then = brightness(image_before, before[i]),
-                                now = brightness(image, predicted[i]);
-    if (then && now) ratios.push_back(*then / *now);
-  }
-  if (ratios.empty()) return 1.0;
-  std::nth_element(ratios.begin(), ratios.begin() + static_cast<std::ptrdiff_t>(ratios.size() / 2),
-                   ratios.end());
-  return ratios[ratios.size() / 2];
-}
+constexpr std::size_t kFewTracks = 12;  // say nothing of the image
+constexpr double kLostShare =
+    0.3;  // of the tracks of an image; if no more are found, the next image may be bad
+constexpr double kFoundShare =
+    0.5;  // of the last good image's tracks; if so many are found, the next one was
+constexpr double kRepeatedShare = 0.9;  // of the tracks, which have not moved by more than
+constexpr double kRepeated =
+    0.3;  // [px]: one image twice, with the noise of a coding, though the camera has turned by
+constexpr double kTurned = 1.0;  // [px]
+constexpr double kMostFixed =
+    0.5;  // of max_features: tracks of the camera's own parts beside those of the scene
 
 // Byte by byte; two images of a real sensor differ in their first row.
 bool isSame(const cv::Mat& a, const cv::Mat& b) {
@@ -55,162 +32,126 @@ bool isSame(const cv::Mat& a, const cv::Mat& b) {
   return true;
 }
 
+std::size_t countOfScene(const std::vector<Track>& tracks) {
+  return static_cast<std::size_t>(
+      std::count_if(tracks.begin(), tracks.end(), [](const Track& track) { return track.isOfScene(); }));
+}
+
+bool holdsShare(const std::vector<Track>& found, const std::vector<Track>& of, double share) {
+  return static_cast<double>(countOfScene(found)) > share * static_cast<double>(countOfScene(of));
+}
+
+// Share of the tracks of `before` that are in `found`, less than `distance` [px] from where they were.
+double shareUnmoved(const std::vector<Track>& before, const std::vector<Track>& found, double distance) {
+  std::size_t unmoved = 0;
+  auto track = found.begin();
+  for (const Track& old : before) {
+    while (track != found.end() && track->id < old.id) ++track;
+    unmoved += track != found.end() && track->id == old.id && cv::norm(track->pixel - old.pixel) < distance;
+  }
+  return static_cast<double>(unmoved) / static_cast<double>(before.size());
+}
+
+void dropFrom(std::vector<Track>* tracks, const std::set<std::int64_t>& ids) {
+  tracks->erase(std::remove_if(tracks->begin(), tracks->end(),
+                               [&ids](const Track& track) { return ids.count(track.id) != 0; }),
+                tracks->end());
+}
+
 }  // namespace
 
 FeatureTracker::FeatureTracker(const CameraModel& camera, const FeatureTrackerOptions& options)
-    : camera_(camera), options_(options), detector_(cv::Size(camera.width(), camera.height()), options) {}
+    : camera_(camera),
+      options_(options),
+      follower_(camera, options),
+      detector_(cv::Size(camera.width(), camera.height()), options) {}
 
 void FeatureTracker::drop(const std::set<std::int64_t>& ids) {
   if (ids.empty()) return;
-  tracks_.erase(std::remove_if(tracks_.begin(), tracks_.end(),
-                               [&ids](const Track& track) { return ids.count(track.id) != 0; }),
-                tracks_.end());
+  dropFrom(&previous_.tracks, ids);
+  if (last_good_) dropFrom(&last_good_->image.tracks, ids);
 }
 
 void FeatureTracker::reset() {
-  tracks_.clear();
-  pyramid_.clear();
+  previous_ = TrackedImage();
+  last_good_.reset();
   detector_.reset();
 }
 
 FeatureFrame FeatureTracker::track(TimeNs stamp, const cv::Mat& image,
                                    const std::optional<Eigen::Matrix3d>& R_previous_current) {
   if (stamp - last_stamp_ > fromSeconds(kLongestGap)) reset();
+  R_new_current_ = R_new_current_ && R_previous_current
+                       ? std::make_optional<Eigen::Matrix3d>(*R_new_current_ * *R_previous_current)
+                       : std::nullopt;
+  if (previous_.pyramid.empty() || !isSame(image, previous_.pyramid.front())) follow(stamp, image);
   last_stamp_ = stamp;
-  if (pyramid_.empty() || !isSame(image, pyramid_.front())) {
-    std::vector<cv::Mat> pyramid = pyramidOf(image);
-    if (!pyramid_.empty() && !tracks_.empty()) trackForward(image, pyramid, R_previous_current);
-    pyramid_ = std::move(pyramid);
-  }
   addCorners(image);
 
   FeatureFrame frame;
   frame.stamp = stamp;
-  for (const Track& track : tracks_) frame.features.push_back(track.feature);
+  for (const Track& track : previous_.tracks)
+    if (track.isOfScene()) frame.features.push_back(track.feature);
   return frame;
 }
 
-std::vector<cv::Mat> FeatureTracker::pyramidOf(const cv::Mat& image) const {
-  std::vector<cv::Mat> pyramid;
-  const cv::Size patch(options_.patch_size, options_.patch_size);
-  cv::buildOpticalFlowPyramid(image, pyramid, patch, options_.pyramid_levels);
-  return pyramid;
+void FeatureTracker::follow(TimeNs stamp, const cv::Mat& image) {
+  std::vector<cv::Mat> pyramid = follower_.pyramidOf(image);
+  // While it is repeated, it is found where it was and not where the gyroscope leads.
+  if (last_new_ < last_stamp_ && isRepeated(follower_.follow(previous_, pyramid, std::nullopt))) return;
+  std::vector<Track> found = follower_.follow(previous_, pyramid, R_new_current_);
+  if (isRepeated(found)) return;
+  if (!previous_.pyramid.empty() && stamp - last_new_ > fromSeconds(kLongestGap)) {
+    reset();
+    found.clear();
+  }
+  if (last_good_) {
+    if (std::optional<std::vector<Track>> again = findAgain(stamp, pyramid)) found = std::move(*again);
+  } else if (countOfScene(previous_.tracks) >= kFewTracks &&
+             !holdsShare(found, previous_.tracks, kLostShare)) {
+    last_good_ = LastGood{std::move(previous_), last_new_, R_new_current_};
+  }
+  previous_ = TrackedImage{std::move(pyramid), std::move(found)};
+  last_new_ = stamp;
+  R_new_current_ = Eigen::Matrix3d::Identity();
 }
 
-std::vector<cv::Point2f> FeatureTracker::predict(
-    const std::optional<Eigen::Matrix3d>& R_previous_current) const {
-  std::vector<cv::Point2f> predicted;
-  for (const Track& track : tracks_) {
-    cv::Point2f guess = track.pixel;
-    if (R_previous_current) {
-      const Eigen::Vector3d direction =
-          R_previous_current->transpose() * track.feature.normalized.homogeneous();
-      Eigen::Vector2d pixel;
-      if (camera_.project(direction, &pixel)) guess = toCv(pixel);
-    }
-    predicted.push_back(guess);
-  }
-  return predicted;
+bool FeatureTracker::isRepeated(const std::vector<Track>& found) const {
+  if (!R_new_current_ || previous_.tracks.size() < kFewTracks) return false;
+  const double turned = Eigen::AngleAxisd(*R_new_current_).angle() * camera_.focalLength();
+  return turned > kTurned && shareUnmoved(previous_.tracks, found, kRepeated) > kRepeatedShare;
 }
 
-void FeatureTracker::trackForward(const cv::Mat& image, std::vector<cv::Mat> pyramid,
-                                  const std::optional<Eigen::Matrix3d>& R_previous_current) {
-  std::vector<cv::Point2f> before, after = predict(R_previous_current);
-  for (const Track& track : tracks_) before.push_back(track.pixel);
-  // The flow takes a point to be as bright in both images. (The reference patches do not.)
-  const double exposure = exposureBefore(pyramid_.front(), before, image, after);
-  const double change = std::max(exposure, 1.0 / exposure);
-  if (change > kSameExposure && change < kLargestExposure) {
-    cv::Mat matched;
-    image.convertTo(matched, -1, exposure);
-    pyramid = pyramidOf(matched);
+// The tracks of the last good image in this one, if most are there.
+std::optional<std::vector<Track>> FeatureTracker::findAgain(TimeNs stamp,
+                                                            const std::vector<cv::Mat>& pyramid) {
+  if (stamp - last_good_->stamp > fromSeconds(kLongestGap)) {
+    last_good_.reset();
+    return std::nullopt;
   }
-  std::vector<uchar> good;
-  const cv::Size patch(options_.patch_size, options_.patch_size);
-  cv::calcOpticalFlowPyrLK(pyramid_, pyramid, before, after, good, cv::noArray(), patch,
-                           options_.pyramid_levels, kTermination, cv::OPTFLOW_USE_INITIAL_FLOW,
-                           kMinEigenvalue);
-  std::vector<uchar> tied = good;
-  for (std::size_t i = 0; i < tracks_.size(); ++i)
-    if (good[i]) tied[i] = tieToReference(image, &tracks_[i], &after[i]);
-  // When most look different it is the image, blurred perhaps, and not they: those whose flow leads back stay.
-  if (2 * std::count(tied.begin(), tied.end(), 1) < std::count(good.begin(), good.end(), 1)) {
-    flowBack(pyramid, before, after, &good);
-  } else {
-    good = std::move(tied);
-  }
-  std::vector<Track> kept;
-  std::vector<Feature> features_before;
-  for (std::size_t i = 0; i < tracks_.size(); ++i) {
-    const Eigen::Vector2d pixel(after[i].x, after[i].y);
-    if (!good[i] || !camera_.contains(pixel, kBorder)) continue;
-    const std::optional<Feature> feature = makeFeature(camera_, tracks_[i].id, pixel);
-    if (!feature) continue;
-    features_before.push_back(tracks_[i].feature);
-    kept.push_back({tracks_[i].id, after[i], *feature, std::move(tracks_[i].reference)});
-  }
-  tracks_ = std::move(kept);
-  rejectOutliers(features_before);
-}
-
-// Moves `pixel` to where the track's reference is found. False where that is nowhere near: the track has slid off its
-// point, or something has come before it.
-bool FeatureTracker::tieToReference(const cv::Mat& image, Track* track, cv::Point2f* pixel) const {
-  const std::optional<ReferencePatch::Fit> fit = track->reference->find(image, *pixel);
-  if (!fit || fit->correlation < options_.min_correlation) return false;
-  if (cv::norm(fit->pixel - *pixel) > options_.max_correction) return false;
-  *pixel = fit->pixel;
-  const Eigen::Vector2f magnification = track->reference->magnification();
-  if (magnification.x() < kLargestMagnification && magnification.y() > 1.0F / kLargestMagnification)
-    return true;
-  // Seen from so near or so far that it no longer has the same detail.
-  const std::optional<ReferencePatch> renewed = ReferencePatch::cut(image, *pixel);
-  if (renewed) *track->reference = *renewed;
-  return renewed.has_value();
-}
-
-// Clears `good` where the flow back does not end where it began.
-void FeatureTracker::flowBack(const std::vector<cv::Mat>& pyramid, const std::vector<cv::Point2f>& before,
-                              const std::vector<cv::Point2f>& after, std::vector<uchar>* good) const {
-  std::vector<cv::Point2f> back = before;
-  std::vector<uchar> found;
-  const cv::Size patch(options_.patch_size, options_.patch_size);
-  cv::calcOpticalFlowPyrLK(pyramid, pyramid_, after, back, found, cv::noArray(), patch,
-                           std::min(1, options_.pyramid_levels), kTermination, cv::OPTFLOW_USE_INITIAL_FLOW,
-                           kMinEigenvalue);
-  for (std::size_t i = 0; i < back.size(); ++i)
-    (*good)[i] =
-        (*good)[i] && found[i] && cv::norm(back[i] - before[i]) < options_.forward_backward_threshold;
-}
-
-void FeatureTracker::rejectOutliers(const std::vector<Feature>& before) {
-  if (tracks_.size() < kMinForOutliers) return;
-  // Undistorted pixels of a camera with the mean focal length, so that the threshold is in pixels.
-  const double focal = camera_.focalLength();
-  std::vector<cv::Point2f> from, to;
-  for (std::size_t i = 0; i < tracks_.size(); ++i) {
-    from.push_back(toCv(focal * before[i].normalized));
-    to.push_back(toCv(focal * tracks_[i].feature.normalized));
-  }
-  std::vector<uchar> inlier;
-  const cv::Mat F =
-      cv::findFundamentalMat(from, to, cv::FM_RANSAC, options_.epipolar_threshold, 0.99, inlier);
-  if (F.empty() || inlier.size() != tracks_.size()) return;
-  std::vector<Track> kept;
-  for (std::size_t i = 0; i < tracks_.size(); ++i)
-    if (inlier[i]) kept.push_back(std::move(tracks_[i]));
-  tracks_ = std::move(kept);
+  std::optional<Eigen::Matrix3d>& R = last_good_->R_good_new;
+  R = R && R_new_current_ ? std::make_optional<Eigen::Matrix3d>(*R * *R_new_current_) : std::nullopt;
+  std::vector<Track> found = follower_.follow(last_good_->image, pyramid, R);
+  if (!holdsShare(found, last_good_->image.tracks, kFoundShare)) return std::nullopt;
+  last_good_.reset();
+  return found;
 }
 
 void FeatureTracker::addCorners(const cv::Mat& image) {
+  std::vector<Track>& tracks = previous_.tracks;
   std::vector<cv::Point2f> pixels;
-  for (const Track& track : tracks_) pixels.push_back(track.pixel);
-  for (const cv::Point2f& corner : detector_.detect(image, pixels)) {
+  for (const Track& track : tracks) pixels.push_back(track.pixel);
+  const int all = static_cast<int>(tracks.size()), of_scene = static_cast<int>(countOfScene(tracks));
+  const int most = options_.max_features + static_cast<int>(kMostFixed * options_.max_features);
+  for (const cv::Point2f& corner :
+       detector_.detect(image, pixels, std::min(options_.max_features - of_scene, most - all))) {
     const std::optional<Feature> feature =
         makeFeature(camera_, next_id_, Eigen::Vector2d(corner.x, corner.y));
     const std::optional<ReferencePatch> reference = ReferencePatch::cut(image, corner);
-    if (feature && reference)
-      tracks_.push_back({next_id_++, corner, *feature, std::make_unique<ReferencePatch>(*reference)});
+    if (!feature || !reference) continue;
+    const Stillness stillness{corner};
+    tracks.push_back({next_id_++, corner, *feature, std::make_shared<const ReferencePatch>(*reference),
+                      Eigen::Matrix2f::Identity(), stillness});
   }
 }
 

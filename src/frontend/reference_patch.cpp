@@ -72,8 +72,9 @@ std::optional<ReferencePatch> ReferencePatch::cut(const cv::Mat& image, const cv
   return patch;
 }
 
-std::optional<ReferencePatch::Fit> ReferencePatch::find(const cv::Mat& image, const cv::Point2f& guess) {
-  Eigen::Matrix2f A = deformation_;
+std::optional<ReferencePatch::Fit> ReferencePatch::find(const cv::Mat& image, const cv::Point2f& guess,
+                                                        const Eigen::Matrix2f& deformation) const {
+  Eigen::Matrix2f A = deformation;
   Eigen::Vector2f centre(guess.x, guess.y);
   Pixels seen;
   for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
@@ -97,16 +98,13 @@ std::optional<ReferencePatch::Fit> ReferencePatch::find(const cv::Mat& image, co
     const Eigen::Vector2f shift = A * step.head<2>();
     centre -= shift;
     if (!A.allFinite() || !centre.allFinite() || A.norm() > kLargestDeformation) return std::nullopt;
-    if (shift.norm() < kSettled) {
-      deformation_ = A;
-      return Fit{{centre.x(), centre.y()}, seen.dot(appearance_)};
-    }
+    if (shift.norm() < kSettled) return Fit{{centre.x(), centre.y()}, seen.dot(appearance_), A};
   }
   return std::nullopt;
 }
 
-Eigen::Vector2f ReferencePatch::magnification() const {
-  return Eigen::JacobiSVD<Eigen::Matrix2f>(deformation_).singularValues();
+Eigen::Vector2f magnificationOf(const Eigen::Matrix2f& deformation) {
+  return Eigen::JacobiSVD<Eigen::Matrix2f>(deformation).singularValues();
 }
 
 }  // namespace autocal_vio

@@ -14,9 +14,10 @@ namespace autocal_vio {
 namespace {
 
 constexpr std::size_t kFewestCommonTracks = 12;  // of neighbouring keyframes, or they start anew
-constexpr double kMovedSinceRepeated = 1.0;      // [px] by the gyroscope, while no track has moved at all
-constexpr double kRateAtRest = 0.03;             // [rad/s] less may be what the bias is off
-constexpr double kRateOfBias = 0.2;              // [rad/s] before it is known
+constexpr double kImagesMayFail =
+    0.5;  // [s] the tracks of a bad image are lost, and the next ones go on without it
+constexpr double kRateAtRest = 0.03;  // [rad/s] less may be what the bias is off
+constexpr double kRateOfBias = 0.2;   // [rad/s] before it is known
 
 std::size_t countCommonTracks(const FeatureFrame& a, const FeatureFrame& b) {
   return forEachCommonTrack(a.features, b.features, [](const Feature&, const Feature&) {});
@@ -160,7 +161,7 @@ std::string CalibratingInitializer::whyChainBreaks(const FeatureFrame& frame, co
   if (keyframes_.empty()) return "";
   const TimeNs shift = fromSeconds(td());
   const double gap = toSeconds(imu.largestGap(keyframes_.back().stamp + shift, frame.stamp + shift));
-  if (countCommonTracks(keyframes_.back(), frame) < kFewestCommonTracks) return "the tracks were lost";
+  if (!goesOn(frame)) return "the tracks were lost";
   if (!(gap > kLongestBridgedGap)) return "";
   std::ostringstream text;
   text.precision(2);
@@ -232,8 +233,13 @@ bool CalibratingInitializer::isRepeated(const FeatureFrame& frame, const ImuBuff
 }
 
 bool CalibratingInitializer::isKeyframe(const FeatureFrame& frame) const {
-  return keyframes_.empty() ||
-         toSeconds(frame.stamp - keyframes_.back().stamp) >= options_.keyframe_interval - 1e-3;
+  if (keyframes_.empty()) return true;
+  const double since = toSeconds(frame.stamp - keyframes_.back().stamp);
+  return since >= options_.keyframe_interval - 1e-3 && (since > kImagesMayFail || goesOn(frame));
+}
+
+bool CalibratingInitializer::goesOn(const FeatureFrame& frame) const {
+  return countCommonTracks(keyframes_.back(), frame) >= kFewestCommonTracks;
 }
 
 void CalibratingInitializer::explain(const std::string& reason, const std::string& advice) {

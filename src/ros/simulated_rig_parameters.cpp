@@ -48,6 +48,8 @@ SimulatedRigParameters loadSimulatedRigParameters(const ros::NodeHandle& private
     } catch (const std::exception& error) {
       reader.addProblem(error.what());
     }
+  } else if (!imu_file.empty()) {
+    reader.addProblem("~imu_file is given, but no ~rig_file, whose IMU it would be");
   }
   // Values out of range have been replaced by their defaults: nothing is complained about twice.
   for (const std::string& violation : parameters.options.validate()) reader.addProblem(violation);

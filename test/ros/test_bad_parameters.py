@@ -58,6 +58,10 @@ class BadParameters(unittest.TestCase):
                     name='/bad_rig', nodelet_type='autocal_vio/SimulatedRigNodelet', image_rate=-1.0, motion='dance',
                     imu_path='imu.csv', rig_file='/nowhere/rig.yaml')
 
+    def test_an_imu_without_its_rig(self):
+        self.refuse(['~imu_file is given, but no ~rig_file'], name='/bad_rig',
+                    nodelet_type='autocal_vio/SimulatedRigNodelet', imu_file=self.rig_file)
+
     def test_unknown_transport(self):
         self.refuse(['pigeon'], rig_file=self.rig_file, image_transport='pigeon')
 

@@ -5,8 +5,10 @@
 
 #include <cstdlib>
 #include <filesystem>
+#include <functional>
 #include <limits>
 #include <memory>
+#include <opencv2/core/mat.hpp>
 #include <optional>
 #include <string>
 #include <utility>
@@ -47,16 +49,17 @@ inline Eigen::Vector3d truePosition(const std::vector<TimedPose>& truth, TimeNs 
   return (1.0 - u) * a.T_WB.translation + u * b.T_WB.translation;
 }
 
-/// Time without images, after the first one [s].
-struct ImageGap {
-  double begin = 0.0, end = 0.0;
+/// What is wrong with the images; times are seconds after the first one.
+struct ImageFaults {
+  double missing_from = 0.0, missing_until = 0.0;
+  std::function<void(double time, cv::Mat* image)> paint;  ///< what comes over them, may be empty
 };
 
-/// A source whose images of that time are missing.
-class GappedSource : public SensorSource {
+/// A source whose images have faults.
+class FaultySource : public SensorSource {
  public:
-  GappedSource(std::unique_ptr<SensorSource> source, const ImageGap& gap)
-      : source_(std::move(source)), gap_(gap), first_(source_->imageStamp().value()) {}
+  FaultySource(std::unique_ptr<SensorSource> source, ImageFaults faults)
+      : source_(std::move(source)), faults_(std::move(faults)), first_(source_->imageStamp().value()) {}
 
   std::optional<TimeNs> imuStamp() override { return source_->imuStamp(); }
   ImuSample takeImu() override { return source_->takeImu(); }
@@ -65,7 +68,13 @@ class GappedSource : public SensorSource {
     for (; stamp && isMissing(*stamp); stamp = source_->imageStamp()) source_->skipImage();
     return stamp;
   }
-  std::optional<ImageFrame> takeImage() override { return source_->takeImage(); }
+  std::optional<ImageFrame> takeImage() override {
+    std::optional<ImageFrame> frame = source_->takeImage();
+    if (!frame || !faults_.paint) return frame;
+    frame->image = frame->image.clone();
+    faults_.paint(toSeconds(frame->stamp - first_), &frame->image);
+    return frame;
+  }
   void skipImage() override { source_->skipImage(); }
   std::size_t imageCount() const override { return source_->imageCount(); }
   std::size_t badImu() const override { return source_->badImu(); }
@@ -75,16 +84,16 @@ class GappedSource : public SensorSource {
  private:
   bool isMissing(TimeNs stamp) const {
     const double time = toSeconds(stamp - first_);
-    return time >= gap_.begin && time < gap_.end;
+    return time >= faults_.missing_from && time < faults_.missing_until;
   }
 
   std::unique_ptr<SensorSource> source_;
-  ImageGap gap_;
+  ImageFaults faults_;
   TimeNs first_;
 };
 
 inline RecordedOutcome runRecorded(const std::string& mav0, bool true_extrinsics_as_prior,
-                                   const ImageGap& gap = ImageGap()) {
+                                   const ImageFaults& faults = ImageFaults()) {
   const WarningSink warn = [](const std::string& text) { ADD_FAILURE() << text; };
   DatasetRequest request;
   request.input = mav0;
@@ -92,7 +101,7 @@ inline RecordedOutcome runRecorded(const std::string& mav0, bool true_extrinsics
   OpenedDataset dataset = openDataset(request, warn);
   const Transform truth = dataset.reference_T_imu_cam.value();
   if (true_extrinsics_as_prior) dataset.rig.extrinsics_prior = ExtrinsicsPrior{truth, 0.5 * kDegree, 0.01};
-  DatasetReader reader(std::make_unique<GappedSource>(std::move(dataset.source), gap), DatasetWindow());
+  DatasetReader reader(std::make_unique<FaultySource>(std::move(dataset.source), faults), DatasetWindow());
   RecordedOutcome outcome;
   CalibrationRun run(dataset.rig, VioOptions());
   outcome.result = runCalibration(&run, &reader, warn, [](double /*fraction*/, VioState /*state*/) {});

@@ -31,7 +31,7 @@ TEST(FeatureSystem, ExactDataGivesTheExactCalibration) {
 }
 
 TEST(FeatureSystem, EurocNoiseFromNothing) {
-  for (int seed = 1; seed <= seeds(5); ++seed) {
+  for (int seed = 1; seed <= seeds(3); ++seed) {
     FeatureSimulationOptions simulation = FeatureSimulationOptions::euroc(seed);
     simulation.motion.duration = 40.0;
     const SystemOutcome outcome = runFromNothing(simulation);

@@ -68,7 +68,7 @@ Calibration atTheEnd(const Outcome& o) {
 
 TEST(InitializerMonteCarlo, EurocNoise) {
   const char* const name = "euroc";
-  const std::vector<Outcome> outcomes = runSeeds(seeds(24), euroc, {true, {}});
+  const std::vector<Outcome> outcomes = runSeeds(seeds(16), euroc, {true, {}});
   summarize(name, outcomes);
   expectBelow(name, "RMSE over the bound 10 s later, worst axis", ratioToBound(name, outcomes).maxCoeff(),
               fullTable() ? 2.0 : 2.5);
@@ -220,7 +220,7 @@ TEST(InitializerMonteCarlo, AWrongPriorThatCouldPassForNoiseDoesNotBegin) {
 // Half of the runs claim.
 TEST(InitializerMonteCarlo, WrongPriorsAreFoundOutInNoise) {
   const auto noisy = [](int seed) { return halfAMinute(FeatureSimulationOptions::realistic(seed)); };
-  const std::vector<Outcome> outcomes = runSeeds(seeds(12), noisy, {false, wrongPrior});
+  const std::vector<Outcome> outcomes = runSeeds(seeds(8), noisy, {false, wrongPrior});
   const char* const name = "wrong priors, realistic";
   summarize(name, outcomes);
   for (const Outcome& o : outcomes)

@@ -58,6 +58,16 @@ TEST_F(Programs, HelpAndSettings) {
   EXPECT_EQ(run("calibrate_simulation", "--help"), 0);
 }
 
+// Without a master, for which they would wait.
+TEST_F(Programs, NodesAnswerAndRefuseArguments) {
+  for (const char* const node : {"vio_node", "simulated_rig_node"}) {
+    EXPECT_EQ(run(node, "--help"), 0);
+    EXPECT_NE(out_.find("docs/parameters.md"), std::string::npos) << out_;
+    EXPECT_EQ(run(node, "--rig-file rig.yaml"), 1);
+    EXPECT_NE(errors_.find("--rig-file"), std::string::npos) << errors_;
+  }
+}
+
 TEST_F(Programs, BadInputIsRefusedInOneLine) {
   const std::string data = writeAslDataset(folder_, "data", 3), out = " --out " + at("out") + " ";
   std::filesystem::create_directory(at("empty"));

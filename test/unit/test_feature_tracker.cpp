@@ -292,10 +292,66 @@ TEST_F(FeatureTrackerTest, DarknessLosesTheTracksAndLightBringsNewOnes) {
   const cv::Mat image = render(cameraPose(12.0)), black(480, 752, CV_8UC1, cv::Scalar(0));
   FeatureTracker tracker = makeTracker();
   const FeatureFrame before = tracker.track(0, image, std::nullopt);
-  EXPECT_TRUE(tracker.track(kInterval, black, std::nullopt).features.empty());
-  const FeatureFrame after = tracker.track(2 * kInterval, image, std::nullopt);
+  for (int i = 1; i <= 11; ++i)
+    EXPECT_TRUE(tracker.track(i * kInterval, black, std::nullopt).features.empty());
+  const FeatureFrame after = tracker.track(12 * kInterval, image, std::nullopt);
   EXPECT_GT(after.features.size(), 120u);
   EXPECT_GT(after.features.front().track_id, before.features.back().track_id);
+}
+
+TEST_F(FeatureTrackerTest, TracksOutliveBadImages) {
+  const cv::Mat black(480, 752, CV_8UC1, cv::Scalar(0)), snow = noise(128, 80, 1),
+                                                         other = render(cameraPose(30.0));
+  for (const std::vector<cv::Mat>& bad :
+       {std::vector<cv::Mat>{black}, {snow}, {other}, {black, snow, other}}) {
+    FeatureTracker tracker = makeTracker();
+    const Transform T_W0 = cameraPose(12.0),
+                    T_W1 = cameraPose(12.0 + 0.05 * static_cast<double>(bad.size() + 1));
+    const FeatureFrame before = tracker.track(0, render(T_W0), std::nullopt);
+    // The gyroscope goes on measuring.
+    const double share = 1.0 / static_cast<double>(bad.size() + 1);
+    const Eigen::Quaterniond step =
+        Eigen::Quaterniond::Identity().slerp(share, T_W0.rotation.conjugate() * T_W1.rotation);
+    TimeNs stamp = 0;
+    for (const cv::Mat& image : bad) tracker.track(stamp += kInterval, image, step.toRotationMatrix());
+    const FeatureFrame after = tracker.track(stamp + kInterval, render(T_W1), step.toRotationMatrix());
+    EXPECT_GT(kept(before, after), 0.6) << bad.size();
+  }
+}
+
+// The tracks of another view, to which the camera was turned away, do not come back.
+TEST_F(FeatureTrackerTest, AnotherViewThatStaysEndsTheTracks) {
+  FeatureTracker tracker = makeTracker();
+  const FeatureFrame before = tracker.track(0, render(cameraPose(12.0)), std::nullopt);
+  FeatureFrame after;
+  for (int i = 1; i < 12; ++i)
+    after = tracker.track(i * kInterval, render(cameraPose(30.0 + 0.05 * i)), std::nullopt);
+  EXPECT_EQ(kept(before, after), 0.0);
+  EXPECT_GT(after.features.size(), 120u);
+}
+
+TEST_F(FeatureTrackerTest, WhatIsFixedToTheCameraIsLeftOut) {
+  cv::Mat part = noise(128, 90, 4).rowRange(0, 160).clone();
+  cv::GaussianBlur(part, part, cv::Size(), 2.0);
+  cv::normalize(part, part, 10, 240, cv::NORM_MINMAX);
+  FeatureTracker tracker = makeTracker();
+  Transform T_WC_before;
+  std::size_t inside = 0, inside_at_first = 0, outside = 0;
+  for (int i = 0; i < 30; ++i) {
+    const Transform T_WC = cameraPose(8.0 + 0.05 * i);
+    const Eigen::Matrix3d R = (T_WC_before.rotation.conjugate() * T_WC.rotation).toRotationMatrix();
+    cv::Mat image = render(T_WC);
+    part.copyTo(image.rowRange(320, 480));
+    const FeatureFrame frame =
+        tracker.track(i * kInterval, image, i > 0 ? std::make_optional(R) : std::nullopt);
+    inside = outside = 0;
+    for (const Feature& feature : frame.features) ++(feature.pixel.y() > 320.0 ? inside : outside);
+    if (i == 0) inside_at_first = inside;
+    T_WC_before = T_WC;
+  }
+  EXPECT_GT(inside_at_first, 25u);
+  EXPECT_LE(inside, 5u);  // new corners, and what is no longer found where it was
+  EXPECT_GT(outside, 120u);
 }
 
 TEST_F(FeatureTrackerTest, TracksEndInALongGap) {
@@ -365,6 +421,44 @@ TEST_F(FeatureTrackerTest, TheSameImageAgainLeavesTheTracksWhereTheyAre) {
     cv::add(changed, noise(1.0, 1.0, i), changed);
     EXPECT_FALSE(unmoved.look(tracker.track((2 * image + i) * kInterval, changed, std::nullopt).features))
         << i;
+  }
+}
+
+// With the noise of a coding, while the gyroscope says that the camera turns. At rest it is no repetition.
+TEST_F(FeatureTrackerTest, ARepeatedImageNeedNotBeTheSameToTheLastBit) {
+  const cv::Mat image = render(cameraPose(12.0));
+  const Eigen::Matrix3d turned = expSo3(Vector3d(0.005, -0.003, 0.0)).toRotationMatrix();
+  for (const bool turns : {true, false}) {
+    FeatureTracker tracker = makeTracker();
+    const FeatureFrame first = tracker.track(0, image, std::nullopt);
+    cv::Mat again = image.clone(), gray_levels(image.size(), CV_16SC1);
+    cv::RNG random(7);
+    random.fill(gray_levels, cv::RNG::NORMAL, 0.0, 2.0);
+    cv::add(image, gray_levels, again, cv::noArray(), CV_8U);
+    const std::optional<Eigen::Matrix3d> prediction =
+        turns ? turned : Eigen::Matrix3d(Eigen::Matrix3d::Identity());
+    const FeatureFrame second = tracker.track(kInterval, again, prediction);
+    EXPECT_GT(kept(first, second), 0.9);
+    UnmovedTracks unmoved;
+    unmoved.look(first.features);
+    EXPECT_EQ(unmoved.look(second.features), turns);
+  }
+}
+
+// It says nothing new: after half a second of it the next one finds look-alikes.
+TEST_F(FeatureTrackerTest, AViewThatFreezesForLongEndsTheTracks) {
+  const cv::Mat image = render(cameraPose(12.0)), next = render(cameraPose(12.1));
+  for (const int repeats : {4, 14}) {
+    FeatureTracker tracker = makeTracker();
+    const FeatureFrame first = tracker.track(0, image, std::nullopt);
+    for (int i = 1; i <= repeats; ++i)
+      EXPECT_EQ(kept(first, tracker.track(i * kInterval, image, std::nullopt)), 1.0);
+    const FeatureFrame after = tracker.track((repeats + 1) * kInterval, next, std::nullopt);
+    if (repeats == 4) {
+      EXPECT_GT(kept(first, after), 0.6);
+    } else {
+      EXPECT_EQ(kept(first, after), 0.0);
+    }
   }
 }
 

@@ -18,8 +18,8 @@ class CornerDetector {
   CornerDetector(const cv::Size& image_size, const FeatureTrackerOptions& options);
 
   /// New corners of `image` (CV_8UC1, of the size given), at least min_distance from `tracks` and from each other, and
-  /// at most as many as are missing to max_features. Whole pixels.
-  std::vector<cv::Point2f> detect(const cv::Mat& image, const std::vector<cv::Point2f>& tracks);
+  /// at most as many as are `missing`. Whole pixels.
+  std::vector<cv::Point2f> detect(const cv::Mat& image, const std::vector<cv::Point2f>& tracks, int missing);
 
   /// Forgets which cells were found empty.
   void reset();

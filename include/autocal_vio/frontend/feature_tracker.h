@@ -1,30 +1,32 @@
-// Tracks corners from image to image by pyramidal KLT, and ties each to what it looked like at first.
+// Keeps an image full of corners and follows them from image to image.
 #pragma once
 
 #include <Eigen/Core>
-#include <Eigen/Geometry>
-#include <memory>
+#include <cstdint>
 #include <opencv2/core/mat.hpp>
-#include <opencv2/core/types.hpp>
 #include <optional>
 #include <set>
-#include <vector>
 
 #include "autocal_vio/frontend/corner_detector.h"
 #include "autocal_vio/frontend/feature.h"
 #include "autocal_vio/frontend/feature_tracker_options.h"
-#include "autocal_vio/frontend/reference_patch.h"
+#include "autocal_vio/frontend/track_follower.h"
 
 namespace autocal_vio {
 
 /// Deterministic, not thread-safe. An image without texture gives few features or none; it never throws for what an
 /// image shows.
+///
+/// An image that shows the same as the one before, though the camera has turned, was repeated by driver or coding: its
+/// tracks stay to the last bit, too. When an image loses most tracks, it may be the image that is bad (torn, black, of a
+/// lamp that flashes): for half a second those of the image before it are looked for as well, and go on where most are
+/// found. Tracks of what is fixed to the camera are kept, so that nothing else takes their places, but not given to anybody.
 class FeatureTracker {
  public:
   FeatureTracker(const CameraModel& camera, const FeatureTrackerOptions& options);
 
   /// Tracks into `image` (CV_8UC1, the camera's size) and fills up with new corners.
-  /// Where it is the image before once more, every track stays to the last bit; after half a second without images all
+  /// Where it is the image before once more, every track stays to the last bit; after half a second without new images all
   /// begin anew. `R_previous_current`: predicted rotation, takes coordinates of the current camera frame to the previous
   /// one.
   FeatureFrame track(TimeNs stamp, const cv::Mat& image,
@@ -37,29 +39,27 @@ class FeatureTracker {
   void reset();
 
  private:
-  struct Track {
-    std::int64_t id;
-    cv::Point2f pixel;
-    Feature feature;
-    std::unique_ptr<ReferencePatch> reference;
+  /// An image whose tracks the next one has lost.
+  struct LastGood {
+    TrackedImage image;
+    TimeNs stamp = 0;
+    std::optional<Eigen::Matrix3d> R_good_new;  ///< to it from the last new image
   };
 
-  std::vector<cv::Point2f> predict(const std::optional<Eigen::Matrix3d>& R_previous_current) const;
-  std::vector<cv::Mat> pyramidOf(const cv::Mat& image) const;
-  void trackForward(const cv::Mat& image, std::vector<cv::Mat> pyramid,
-                    const std::optional<Eigen::Matrix3d>& R_previous_current);
-  bool tieToReference(const cv::Mat& image, Track* track, cv::Point2f* pixel) const;
-  void flowBack(const std::vector<cv::Mat>& pyramid, const std::vector<cv::Point2f>& before,
-                const std::vector<cv::Point2f>& after, std::vector<uchar>* good) const;
-  void rejectOutliers(const std::vector<Feature>& before);
+  void follow(TimeNs stamp, const cv::Mat& image);
+  bool isRepeated(const std::vector<Track>& found) const;
+  std::optional<std::vector<Track>> findAgain(TimeNs stamp, const std::vector<cv::Mat>& pyramid);
   void addCorners(const cv::Mat& image);
 
   CameraModel camera_;
   FeatureTrackerOptions options_;
+  TrackFollower follower_;
   CornerDetector detector_;
-  std::vector<cv::Mat> pyramid_;  ///< of the previous image
-  TimeNs last_stamp_ = 0;         ///< of that image
-  std::vector<Track> tracks_;     ///< in ascending order of id
+  TrackedImage previous_;  ///< the last new image
+  TimeNs last_new_ = 0;    ///< its stamp
+  TimeNs last_stamp_ = 0;  ///< of the last image, which may have been a repetition
+  std::optional<Eigen::Matrix3d> R_new_current_ = std::nullopt;  ///< to the last new image from the last one
+  std::optional<LastGood> last_good_;
   std::int64_t next_id_ = 0;
 };
 

@@ -18,20 +18,19 @@ class ReferencePatch {
   static constexpr int kPixels = kSide * kSide;
 
   struct Fit {
-    cv::Point2f pixel;         ///< where the reference's centre is now
-    float correlation = 0.0F;  ///< normalised, of the deformed patch [-1, 1]
+    cv::Point2f pixel;                                          ///< where the reference's centre is now
+    float correlation = 0.0F;                                   ///< normalised, of the deformed patch [-1, 1]
+    Eigen::Matrix2f deformation = Eigen::Matrix2f::Identity();  ///< from the reference to the image
   };
 
   /// The patch about `pixel` of `image` (CV_8UC1). Nothing where it leaves the image or has too little texture to
   /// determine a deformation.
   static std::optional<ReferencePatch> cut(const cv::Mat& image, const cv::Point2f& pixel);
 
-  /// Finds the patch in `image` near `guess`, beginning with the deformation of the last image. Nothing when the fit
-  /// does not settle or leaves the image; the deformation then stays as it was.
-  std::optional<Fit> find(const cv::Mat& image, const cv::Point2f& guess);
-
-  /// Largest and smallest magnification of the last fit.
-  Eigen::Vector2f magnification() const;
+  /// Finds the patch in `image` near `guess`, beginning with `deformation`. Nothing when the fit does not settle or leaves
+  /// the image.
+  std::optional<Fit> find(const cv::Mat& image, const cv::Point2f& guess,
+                          const Eigen::Matrix2f& deformation) const;
 
  private:
   using Pixels = Eigen::Matrix<float, kPixels, 1>;
@@ -40,7 +39,9 @@ class ReferencePatch {
 
   Pixels appearance_;                          ///< zero mean, unit norm
   Eigen::Matrix<float, 6, kPixels> response_;  ///< least-squares step of [shift, deformation] per residual
-  Eigen::Matrix2f deformation_ = Eigen::Matrix2f::Identity();  ///< from the reference to the last image
 };
+
+/// Largest and smallest magnification of a deformation.
+Eigen::Vector2f magnificationOf(const Eigen::Matrix2f& deformation);
 
 }  // namespace autocal_vio

@@ -7,6 +7,9 @@
 
 namespace autocal_vio {
 
+/// An image in which no track has moved is a repeated one if the IMU says that the camera has, by this much [px].
+constexpr double kMovedSinceRepeated = 1.0;
+
 /// Compares each image's tracks with those of the image before. Where every bit of them is the same it is the same image,
 /// or that of a rig at rest and free of noise: whether the IMU has moved tells which.
 class UnmovedTracks {

@@ -90,6 +90,7 @@ class CalibratingInitializer {
   void dropPrior(const std::string& problem);
   bool isRepeated(const FeatureFrame& frame, const ImuBuffer& imu);
   bool isKeyframe(const FeatureFrame& frame) const;
+  bool goesOn(const FeatureFrame& frame) const;  ///< with tracks of the last keyframe
   std::string whyChainBreaks(const FeatureFrame& frame, const ImuBuffer& imu) const;
   void addKeyframe(const FeatureFrame& frame, const ImuBuffer& imu);
   bool attemptDue(const FeatureFrame& frame) const;
