@@ -63,9 +63,7 @@ int calibrate(const CalibrateOptions& options) {
   const Verdict verdict = judgeRun(result.record, options.fix_extrinsics);
   writeResults(folder, result, verdict, dataset.rig, truth);
   std::fputs(closingText(result.record, verdict).c_str(), stdout);
-  const TimingSummary cpu = summarize(result.timings.image_ms);
-  std::printf("CPU time per image: median %.1f ms, p95 %.1f, p99 %.1f, max %.1f (%zu images)\n", cpu.median,
-              cpu.p95, cpu.p99, cpu.max, static_cast<std::size_t>(cpu.count));
+  std::fputs(timingText(result.record, result.timings).c_str(), stdout);
   return verdict.success ? kExitSuccess : kExitNotConverged;
 }
 

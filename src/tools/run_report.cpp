@@ -145,7 +145,23 @@ std::string timingLines(const RunRecord& record, const RunTimings& timings) {
   return text;
 }
 
+std::string timingRow(const char* name, const std::vector<double>& values) {
+  const TimingSummary s = summarize(values);
+  char row[120];
+  std::snprintf(row, sizeof(row), "  %-14s median %5.1f, p95 %6.1f, p99 %6.1f, max %7.1f  (%zu images)\n",
+                name, s.median, s.p95, s.p99, s.max, s.count);
+  return row;
+}
+
 }  // namespace
+
+std::string timingText(const RunRecord& record, const RunTimings& timings) {
+  return "CPU time per image [ms], each stage over the images in which it ran:\n" +
+         timingRow("tracking", stage(record, &StageTimes::tracking_ms)) +
+         timingRow("initialization", stage(record, &StageTimes::initialization_ms)) +
+         timingRow("optimization", stage(record, &StageTimes::optimization_ms)) +
+         timingRow("all", timings.image_ms);
+}
 
 Verdict judgeRun(const RunRecord& record, bool fixed_extrinsics) {
   Verdict verdict;

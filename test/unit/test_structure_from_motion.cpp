@@ -11,6 +11,7 @@
 #include "autocal_vio/geometry/so3.h"
 #include "autocal_vio/initializer/structure_bundle_adjustment.h"
 #include "autocal_vio/initializer/structure_tracks.h"
+#include "numeric_jacobian.h"
 #include "structure_scene.h"
 
 namespace autocal_vio {
@@ -275,6 +276,41 @@ TEST(StructureTracks, LongTracksComeFirstAndIdsAscend) {
   }
   for (const int count : seen) EXPECT_GE(count, 20);
   EXPECT_LT(tracks.size(), selectTracks(scene.keyframes, 3, 1000).size());
+}
+
+// docs/derivation.md, (D73).
+TEST(StructureBundleAdjustment, JacobiansMatchDifferences) {
+  using Vector6d = Eigen::Matrix<double, 6, 1>;
+  const Transform T_VC(Quaterniond(0.9, 0.2, -0.3, 0.1).normalized(), Vector3d(0.4, -0.2, 0.3));
+  TrackObservation observation{};
+  observation.normalized = Eigen::Vector2d(0.1, -0.2);
+  observation.pixel_jacobian << 450.0, 3.0, -5.0, 460.0;
+  for (const double rho : {0.0, 0.3, 2.0}) {
+    AnchoredLandmark landmark;
+    landmark.T_VA = Transform(Quaterniond(0.95, 0.1, -0.25, 0.2).normalized(), Vector3d(-0.1, 0.3, 0.0));
+    landmark.alpha_beta_rho << 0.2, -0.1, rho;
+    Eigen::Vector2d residual;
+    Eigen::Matrix<double, 2, 6> J_pose;
+    Eigen::Matrix<double, 2, 3> J_landmark;
+    ASSERT_TRUE(structureResidual(T_VC, landmark, observation, &residual, &J_pose, &J_landmark));
+    const auto byPose = [&](const Vector6d& step) {
+      const Transform moved(T_VC.rotation * expSo3(step.tail<3>().eval()), T_VC.translation + step.head<3>());
+      Eigen::Vector2d at;
+      EXPECT_TRUE(structureResidual(moved, landmark, observation, &at));
+      return at;
+    };
+    const auto byLandmark = [&](const Vector3d& value) {
+      AnchoredLandmark moved = landmark;
+      moved.alpha_beta_rho = value;
+      Eigen::Vector2d at;
+      EXPECT_TRUE(structureResidual(T_VC, moved, observation, &at));
+      return at;
+    };
+    const auto pose = test::numericJacobian<2, 6>(byPose, Vector6d::Zero().eval(), 1e-4);
+    const auto point = test::numericJacobian<2, 3>(byLandmark, landmark.alpha_beta_rho, 1e-4);
+    EXPECT_LT((pose - J_pose).norm(), 1e-7 * (1.0 + J_pose.norm())) << rho;
+    EXPECT_LT((point - J_landmark).norm(), 1e-7 * (1.0 + J_landmark.norm())) << rho;
+  }
 }
 
 }  // namespace

@@ -40,6 +40,9 @@ struct RunCounts {
   std::uint64_t imu_unusable = 0;            ///< bad rows, not finite, out of order
 };
 
+/// CPU time of each stage, a line each, for people.
+std::string timingText(const RunRecord& record, const RunTimings& timings);
+
 /// What a program says at its end: the verdict and, where the extrinsics are known, both directions of the transform.
 std::string closingText(const RunRecord& record, const Verdict& verdict);
 
