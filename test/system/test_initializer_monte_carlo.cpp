@@ -68,7 +68,7 @@ Calibration atTheEnd(const Outcome& o) {
 
 TEST(InitializerMonteCarlo, EurocNoise) {
   const char* const name = "euroc";
-  const std::vector<Outcome> outcomes = runSeeds(seeds(16), euroc, {true, {}});
+  const std::vector<Outcome> outcomes = runSeeds(seeds(24), euroc, {true, {}});
   summarize(name, outcomes);
   expectBelow(name, "RMSE over the bound 10 s later, worst axis", ratioToBound(name, outcomes).maxCoeff(),
               fullTable() ? 2.0 : 2.5);
