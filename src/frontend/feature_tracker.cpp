@@ -13,16 +13,14 @@ namespace {
 // [s] into an image this much later the flow finds look-alikes, enough of which agree upon some motion to be believed
 constexpr double kLongestGap = 0.5;
 constexpr std::size_t kFewTracks = 12;  // say nothing of the image
-constexpr double kLostShare =
-    0.3;  // of the tracks of an image; if no more are found, the next image may be bad
-constexpr double kFoundShare =
-    0.5;  // of the last good image's tracks; if so many are found, the next one was
-constexpr double kRepeatedShare = 0.9;  // of the tracks, which have not moved by more than
-constexpr double kRepeated =
-    0.3;  // [px]: one image twice, with the noise of a coding, though the camera has turned by
-constexpr double kTurned = 1.0;  // [px]
-constexpr double kMostFixed =
-    0.5;  // of max_features: tracks of the camera's own parts beside those of the scene
+constexpr double kLostShare = 0.3;   // of an image's tracks: if no more are found, the next image may be bad
+constexpr double kFoundShare = 0.5;  // of the last good image's: if so many are found, the next one was bad
+// The same view once more, with the noise of a coding. Circling a wall moves its points by more than a tenth of what the
+// rotation alone would.
+constexpr double kRepeatedShare = 0.9;    // of the tracks, which have not moved by more than
+constexpr double kRepeated = 0.15;        // [px], though the camera has turned by
+constexpr double kTurned = 1.2;           // [px] in the median
+constexpr int kConfirmedPredictions = 3;  // images whose tracks went where the gyroscope led
 
 // Byte by byte; two images of a real sensor differ in their first row.
 bool isSame(const cv::Mat& a, const cv::Mat& b) {
@@ -41,15 +39,18 @@ bool holdsShare(const std::vector<Track>& found, const std::vector<Track>& of, d
   return static_cast<double>(countOfScene(found)) > share * static_cast<double>(countOfScene(of));
 }
 
-// Share of the tracks of `before` that are in `found`, less than `distance` [px] from where they were.
+// Share of the tracks of `before` that are in `found`, less than `distance` [px] from where they were. What is fixed to
+// the camera always is, and says nothing.
 double shareUnmoved(const std::vector<Track>& before, const std::vector<Track>& found, double distance) {
-  std::size_t unmoved = 0;
+  std::size_t unmoved = 0, all = 0;
   auto track = found.begin();
   for (const Track& old : before) {
+    if (!old.isOfScene()) continue;
+    ++all;
     while (track != found.end() && track->id < old.id) ++track;
     unmoved += track != found.end() && track->id == old.id && cv::norm(track->pixel - old.pixel) < distance;
   }
-  return static_cast<double>(unmoved) / static_cast<double>(before.size());
+  return static_cast<double>(unmoved) / std::max(1.0, static_cast<double>(all));
 }
 
 void dropFrom(std::vector<Track>* tracks, const std::set<std::int64_t>& ids) {
@@ -75,6 +76,7 @@ void FeatureTracker::drop(const std::set<std::int64_t>& ids) {
 void FeatureTracker::reset() {
   previous_ = TrackedImage();
   last_good_.reset();
+  confirmed_ = 0;
   detector_.reset();
 }
 
@@ -84,7 +86,11 @@ FeatureFrame FeatureTracker::track(TimeNs stamp, const cv::Mat& image,
   R_new_current_ = R_new_current_ && R_previous_current
                        ? std::make_optional<Eigen::Matrix3d>(*R_new_current_ * *R_previous_current)
                        : std::nullopt;
-  if (previous_.pyramid.empty() || !isSame(image, previous_.pyramid.front())) follow(stamp, image);
+  if (previous_.pyramid.empty() || !isSame(image, previous_.pyramid.front())) {
+    follow(stamp, image);
+  } else if (R_new_current_ && !hasTurned(previous_.tracks, R_new_current_)) {
+    takeAsNew(stamp);  // a rig at rest, seen without noise
+  }
   last_stamp_ = stamp;
   addCorners(image);
 
@@ -95,44 +101,54 @@ FeatureFrame FeatureTracker::track(TimeNs stamp, const cv::Mat& image,
   return frame;
 }
 
+void FeatureTracker::takeAsNew(TimeNs stamp) {
+  last_new_ = stamp;
+  R_new_current_ = Eigen::Matrix3d::Identity();
+}
+
 void FeatureTracker::follow(TimeNs stamp, const cv::Mat& image) {
   std::vector<cv::Mat> pyramid = follower_.pyramidOf(image);
+  const bool turned = hasTurned(previous_.tracks, R_new_current_);
   // While it is repeated, it is found where it was and not where the gyroscope leads.
-  if (last_new_ < last_stamp_ && isRepeated(follower_.follow(previous_, pyramid, std::nullopt))) return;
+  if (turned && last_new_ < last_stamp_ &&
+      isRepeated(previous_.tracks, follower_.follow(previous_, pyramid, std::nullopt)))
+    return;
   std::vector<Track> found = follower_.follow(previous_, pyramid, R_new_current_);
-  if (isRepeated(found)) return;
+  if (turned && isRepeated(previous_.tracks, found)) return;
+  confirmed_ += R_new_current_ && follower_.isPredictionRight(previous_.tracks, found, *R_new_current_);
   if (!previous_.pyramid.empty() && stamp - last_new_ > fromSeconds(kLongestGap)) {
     reset();
     found.clear();
   }
+  if (last_good_ && stamp - last_good_->stamp > fromSeconds(kLongestGap)) last_good_.reset();
   if (last_good_) {
-    if (std::optional<std::vector<Track>> again = findAgain(stamp, pyramid)) found = std::move(*again);
+    if (std::optional<std::vector<Track>> again = findAgain(pyramid)) found = std::move(*again);
   } else if (countOfScene(previous_.tracks) >= kFewTracks &&
              !holdsShare(found, previous_.tracks, kLostShare)) {
     last_good_ = LastGood{std::move(previous_), last_new_, R_new_current_};
   }
   previous_ = TrackedImage{std::move(pyramid), std::move(found)};
-  last_new_ = stamp;
-  R_new_current_ = Eigen::Matrix3d::Identity();
+  takeAsNew(stamp);
 }
 
-bool FeatureTracker::isRepeated(const std::vector<Track>& found) const {
-  if (!R_new_current_ || previous_.tracks.size() < kFewTracks) return false;
-  const double turned = Eigen::AngleAxisd(*R_new_current_).angle() * camera_.focalLength();
-  return turned > kTurned && shareUnmoved(previous_.tracks, found, kRepeated) > kRepeatedShare;
+bool FeatureTracker::hasTurned(const std::vector<Track>& tracks,
+                               const std::optional<Eigen::Matrix3d>& R) const {
+  return R && countOfScene(tracks) >= kFewTracks && follower_.medianStep(tracks, *R) > kTurned;
 }
 
-// The tracks of the last good image in this one, if most are there.
-std::optional<std::vector<Track>> FeatureTracker::findAgain(TimeNs stamp,
-                                                            const std::vector<cv::Mat>& pyramid) {
-  if (stamp - last_good_->stamp > fromSeconds(kLongestGap)) {
-    last_good_.reset();
-    return std::nullopt;
-  }
+// Of tracks that should have moved: a gyroscope whose bias is not known yet turns while the rig is at rest.
+bool FeatureTracker::isRepeated(const std::vector<Track>& before, const std::vector<Track>& found) const {
+  return confirmed_ >= kConfirmedPredictions && shareUnmoved(before, found, kRepeated) > kRepeatedShare;
+}
+
+// The tracks of the last good image in this one, if most are there, and it is not that image once more.
+std::optional<std::vector<Track>> FeatureTracker::findAgain(const std::vector<cv::Mat>& pyramid) {
   std::optional<Eigen::Matrix3d>& R = last_good_->R_good_new;
   R = R && R_new_current_ ? std::make_optional<Eigen::Matrix3d>(*R * *R_new_current_) : std::nullopt;
+  const std::vector<Track>& before = last_good_->image.tracks;
   std::vector<Track> found = follower_.follow(last_good_->image, pyramid, R);
-  if (!holdsShare(found, last_good_->image.tracks, kFoundShare)) return std::nullopt;
+  if (!holdsShare(found, before, kFoundShare)) return std::nullopt;
+  if (hasTurned(before, R) && isRepeated(before, found)) return std::nullopt;
   last_good_.reset();
   return found;
 }
@@ -141,10 +157,9 @@ void FeatureTracker::addCorners(const cv::Mat& image) {
   std::vector<Track>& tracks = previous_.tracks;
   std::vector<cv::Point2f> pixels;
   for (const Track& track : tracks) pixels.push_back(track.pixel);
-  const int all = static_cast<int>(tracks.size()), of_scene = static_cast<int>(countOfScene(tracks));
-  const int most = options_.max_features + static_cast<int>(kMostFixed * options_.max_features);
-  for (const cv::Point2f& corner :
-       detector_.detect(image, pixels, std::min(options_.max_features - of_scene, most - all))) {
+  // Those of the camera's own parts take nothing from the scene's; their distance bounds their number.
+  const int missing = options_.max_features - static_cast<int>(countOfScene(tracks));
+  for (const cv::Point2f& corner : detector_.detect(image, pixels, missing)) {
     const std::optional<Feature> feature =
         makeFeature(camera_, next_id_, Eigen::Vector2d(corner.x, corner.y));
     const std::optional<ReferencePatch> reference = ReferencePatch::cut(image, corner);

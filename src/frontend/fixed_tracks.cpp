@@ -10,11 +10,12 @@ constexpr double kLeastStep = 1.0;       // [px] by rotation, or it says nothing
 constexpr double kLargestMiss = 0.5;     // of a step: a track that misses by less goes where it leads
 constexpr double kAgreeingShare = 0.25;  // of all tracks, or the prediction is not believed
 constexpr std::size_t kAgreeingTracks = 8;
-constexpr double kStill = 1.0;          // [px] from where it was
-constexpr double kNoLongerFixed = 2.0;  // [px] the lens and the legs of a robot shake a little
-// Points about which the camera turns by chance stay for less.
-constexpr double kTurnedUntilFixed = 15.0;  // [px]
+constexpr double kStill = 1.0;  // [px] from where it was
+// Points that the camera circles stay, too, for less.
+constexpr double kTurnedUntilFixed = 60.0;  // [px]
 constexpr int kImagesUntilFixed = 5;
+
+}  // namespace
 
 bool isPredictionRight(const std::vector<cv::Point2f>& before, const std::vector<cv::Point2f>& predicted,
                        const std::vector<Track>& tracks) {
@@ -27,15 +28,14 @@ bool isPredictionRight(const std::vector<cv::Point2f>& before, const std::vector
          static_cast<double>(agreeing) > kAgreeingShare * static_cast<double>(tracks.size());
 }
 
-}  // namespace
-
 void markFixedTracks(const std::vector<cv::Point2f>& before, const std::vector<cv::Point2f>& predicted,
                      std::vector<Track>* tracks) {
   const bool right = isPredictionRight(before, predicted, *tracks);
   for (std::size_t i = 0; i < tracks->size(); ++i) {
     Track& track = (*tracks)[i];
     Stillness& still = track.stillness;
-    if (cv::norm(track.pixel - still.pixel) > (still.is_fixed ? kNoLongerFixed : kStill)) {
+    if (still.is_fixed) continue;  // until it is lost, however it shakes
+    if (cv::norm(track.pixel - still.pixel) > kStill) {
       still = Stillness{track.pixel};
       continue;
     }

@@ -17,6 +17,7 @@ constexpr float kLargestMagnification = 2.0F;  // of a reference, or its inverse
 constexpr double kMinEigenvalue = 1e-4;        // of the patch's gradient matrix: below it is no texture
 constexpr double kSameExposure = 1.2;          // ratio of brightness that the flow does not mind
 constexpr double kLargestExposure = 4.0;       // that of an exposure: the lens is covered, or a lamp goes on
+constexpr int kMaybeFixed = 2;                 // images in which a track has stayed though the camera turned
 constexpr int kExposurePatch = 9;              // [px]
 const cv::TermCriteria kTermination(cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 30, 0.01);
 
@@ -80,6 +81,31 @@ std::vector<Track> TrackFollower::follow(const TrackedImage& last, const std::ve
   if (R_last_current) markFixedTracks(before, predicted, &kept);
   rejectOutliers(features_before, &kept);
   return kept;
+}
+
+double TrackFollower::medianStep(const std::vector<Track>& tracks,
+                                 const Eigen::Matrix3d& R_last_current) const {
+  const std::vector<cv::Point2f> predicted = predict(tracks, R_last_current);
+  std::vector<double> steps;
+  for (std::size_t i = 0; i < tracks.size(); ++i)
+    if (tracks[i].isOfScene()) steps.push_back(cv::norm(predicted[i] - tracks[i].pixel));
+  if (steps.empty()) return 0.0;
+  const auto middle = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2);
+  std::nth_element(steps.begin(), middle, steps.end());
+  return *middle;
+}
+
+bool TrackFollower::isPredictionRight(const std::vector<Track>& last, const std::vector<Track>& found,
+                                      const Eigen::Matrix3d& R_last_current) const {
+  std::vector<Track> before;
+  auto track = last.begin();
+  for (const Track& now : found) {
+    while (track->id < now.id) ++track;
+    before.push_back(*track);
+  }
+  std::vector<cv::Point2f> pixels;
+  for (const Track& then : before) pixels.push_back(then.pixel);
+  return autocal_vio::isPredictionRight(pixels, predict(before, R_last_current), found);
 }
 
 std::vector<cv::Point2f> TrackFollower::predict(const std::vector<Track>& tracks,
@@ -185,10 +211,11 @@ void TrackFollower::rejectOutliers(const std::vector<Feature>& before, std::vect
       cv::findFundamentalMat(from, to, cv::FM_RANSAC, options_.epipolar_threshold, 0.99, inlier);
   if (F.empty() || inlier.size() != indices.size()) return;
   for (std::size_t k = 0; k < indices.size(); ++k) (*tracks)[indices[k]].is_outlier = !inlier[k];
-  tracks->erase(
-      std::remove_if(tracks->begin(), tracks->end(),
-                     [](const Track& track) { return track.is_outlier && track.stillness.images == 0; }),
-      tracks->end());
+  tracks->erase(std::remove_if(tracks->begin(), tracks->end(),
+                               [](const Track& track) {
+                                 return track.is_outlier && track.stillness.images < kMaybeFixed;
+                               }),
+                tracks->end());
 }
 
 }  // namespace autocal_vio

@@ -228,14 +228,15 @@ bool CalibratingInitializer::isRepeated(const FeatureFrame& frame, const ImuBuff
   if (samples.size() < 2) return false;
   const Preintegration turned(std::move(samples), {gyroscopeBias(), Eigen::Vector3d::Zero()}, noise_);
   const double angle = logSo3(turned.increment().rotation).norm();
-  const double at_rest = status_.rotation_known ? kRateAtRest : kRateOfBias;
+  const double at_rest = status_.rotation.accepted ? kRateAtRest : kRateOfBias;
   return angle > std::max(at_rest * turned.duration(), kMovedSinceRepeated / focal_length_);
 }
 
 bool CalibratingInitializer::isKeyframe(const FeatureFrame& frame) const {
   if (keyframes_.empty()) return true;
   const double since = toSeconds(frame.stamp - keyframes_.back().stamp);
-  return since >= options_.keyframe_interval - 1e-3 && (since > kImagesMayFail || goesOn(frame));
+  return since >= options_.keyframe_interval - 1e-3 &&
+         (since > options_.keyframe_interval + kImagesMayFail || goesOn(frame));
 }
 
 bool CalibratingInitializer::goesOn(const FeatureFrame& frame) const {

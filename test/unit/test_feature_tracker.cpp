@@ -82,6 +82,11 @@ class FeatureTrackerTest : public ::testing::Test {
     return image;
   }
 
+  /// Turned on the spot, by 5 px an image.
+  static Transform turnedBy(int images) {
+    return Transform(expSo3((images * Vector3d(0.008, -0.006, 0.0)).eval()), Vector3d::Zero());
+  }
+
   static FeatureTracker makeTracker() { return FeatureTracker(camera_, FeatureTrackerOptions()); }
 
   static inline const SineTrajectory trajectory_{SineTrajectoryOptions()};
@@ -424,25 +429,54 @@ TEST_F(FeatureTrackerTest, TheSameImageAgainLeavesTheTracksWhereTheyAre) {
   }
 }
 
-// With the noise of a coding, while the gyroscope says that the camera turns. At rest it is no repetition.
+// With the noise of a coding, while the gyroscope says that the camera turns, which it has been right about before. At rest,
+// or with a gyroscope whose bias is not known, it is no repetition.
 TEST_F(FeatureTrackerTest, ARepeatedImageNeedNotBeTheSameToTheLastBit) {
-  const cv::Mat image = render(cameraPose(12.0));
-  const Eigen::Matrix3d turned = expSo3(Vector3d(0.005, -0.003, 0.0)).toRotationMatrix();
-  for (const bool turns : {true, false}) {
-    FeatureTracker tracker = makeTracker();
-    const FeatureFrame first = tracker.track(0, image, std::nullopt);
-    cv::Mat again = image.clone(), gray_levels(image.size(), CV_16SC1);
-    cv::RNG random(7);
-    random.fill(gray_levels, cv::RNG::NORMAL, 0.0, 2.0);
-    cv::add(image, gray_levels, again, cv::noArray(), CV_8U);
-    const std::optional<Eigen::Matrix3d> prediction =
-        turns ? turned : Eigen::Matrix3d(Eigen::Matrix3d::Identity());
-    const FeatureFrame second = tracker.track(kInterval, again, prediction);
-    EXPECT_GT(kept(first, second), 0.9);
-    UnmovedTracks unmoved;
-    unmoved.look(first.features);
-    EXPECT_EQ(unmoved.look(second.features), turns);
+  const Eigen::Matrix3d identity = Eigen::Matrix3d::Identity(), turned = turnedBy(1).rotationMatrix();
+  for (const bool confirmed : {true, false}) {
+    for (const bool turns : {true, false}) {
+      FeatureTracker tracker = makeTracker();
+      cv::Mat image;
+      FeatureFrame last;
+      for (int i = 0; i < 6; ++i) {
+        image = render(cameraPose(12.0) * turnedBy(i));
+        last = tracker.track(i * kInterval, image, confirmed ? turned : identity);
+      }
+      cv::Mat again, gray_levels(image.size(), CV_16SC1);
+      cv::RNG random(7);
+      random.fill(gray_levels, cv::RNG::NORMAL, 0.0, 1.0);
+      cv::add(image, gray_levels, again, cv::noArray(), CV_8U);
+      const FeatureFrame repeated = tracker.track(6 * kInterval, again, turns ? turned : identity);
+      EXPECT_GT(kept(last, repeated), 0.9);
+      UnmovedTracks unmoved;
+      unmoved.look(last.features);
+      EXPECT_EQ(unmoved.look(repeated.features), confirmed && turns) << confirmed << turns;
+    }
   }
+}
+
+TEST_F(FeatureTrackerTest, AnImageThatRestsIsNoFrozenOne) {
+  const Eigen::Matrix3d identity = Eigen::Matrix3d::Identity();
+  FeatureTracker tracker = makeTracker();
+  const cv::Mat image = render(cameraPose(12.0));
+  const FeatureFrame first = tracker.track(0, image, identity);
+  for (int i = 1; i <= 14; ++i) tracker.track(i * kInterval, image, identity);
+  EXPECT_GT(kept(first, tracker.track(15 * kInterval, render(cameraPose(12.05)), identity)), 0.6);
+}
+
+// What a decoder shows that conceals a loss.
+TEST_F(FeatureTrackerTest, TheLastGoodImageAfterABadOneIsNotTakenForANewOne) {
+  const Eigen::Matrix3d turned = turnedBy(1).rotationMatrix();
+  FeatureTracker tracker = makeTracker();
+  cv::Mat image;
+  FeatureFrame last;
+  for (int i = 0; i < 6; ++i) {
+    image = render(cameraPose(12.0) * turnedBy(i));
+    last = tracker.track(i * kInterval, image, turned);
+  }
+  tracker.track(6 * kInterval, cv::Mat(480, 752, CV_8UC1, cv::Scalar(0)), turned);
+  EXPECT_EQ(kept(last, tracker.track(7 * kInterval, image, turned)), 0.0);
+  EXPECT_GT(kept(last, tracker.track(8 * kInterval, render(cameraPose(12.0) * turnedBy(8)), turned)), 0.6);
 }
 
 // It says nothing new: after half a second of it the next one finds look-alikes.

@@ -6,6 +6,7 @@
 #include <opencv2/core/mat.hpp>
 #include <optional>
 #include <set>
+#include <vector>
 
 #include "autocal_vio/frontend/corner_detector.h"
 #include "autocal_vio/frontend/feature.h"
@@ -47,8 +48,10 @@ class FeatureTracker {
   };
 
   void follow(TimeNs stamp, const cv::Mat& image);
-  bool isRepeated(const std::vector<Track>& found) const;
-  std::optional<std::vector<Track>> findAgain(TimeNs stamp, const std::vector<cv::Mat>& pyramid);
+  void takeAsNew(TimeNs stamp);
+  bool hasTurned(const std::vector<Track>& tracks, const std::optional<Eigen::Matrix3d>& R) const;
+  bool isRepeated(const std::vector<Track>& before, const std::vector<Track>& found) const;
+  std::optional<std::vector<Track>> findAgain(const std::vector<cv::Mat>& pyramid);
   void addCorners(const cv::Mat& image);
 
   CameraModel camera_;
@@ -59,6 +62,7 @@ class FeatureTracker {
   TimeNs last_new_ = 0;    ///< its stamp
   TimeNs last_stamp_ = 0;  ///< of the last image, which may have been a repetition
   std::optional<Eigen::Matrix3d> R_new_current_ = std::nullopt;  ///< to the last new image from the last one
+  int confirmed_ = 0;  ///< images whose tracks went where the rotation led
   std::optional<LastGood> last_good_;
   std::int64_t next_id_ = 0;
 };

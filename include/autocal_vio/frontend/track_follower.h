@@ -30,6 +30,13 @@ class TrackFollower {
   std::vector<Track> follow(const TrackedImage& last, const std::vector<cv::Mat>& pyramid,
                             const std::optional<Eigen::Matrix3d>& R_last_current) const;
 
+  /// Median of the steps by which this rotation alone would move the tracks [px].
+  double medianStep(const std::vector<Track>& tracks, const Eigen::Matrix3d& R_last_current) const;
+
+  /// Whether enough of the tracks of `last` that have been `found` went where this rotation leads.
+  bool isPredictionRight(const std::vector<Track>& last, const std::vector<Track>& found,
+                         const Eigen::Matrix3d& R_last_current) const;
+
  private:
   struct Flow {
     std::vector<cv::Point2f> before, predicted, after;
