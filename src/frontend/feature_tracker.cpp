@@ -115,7 +115,8 @@ void FeatureTracker::follow(TimeNs stamp, const cv::Mat& image) {
     return;
   std::vector<Track> found = follower_.follow(previous_, pyramid, R_new_current_);
   if (turned && isRepeated(previous_.tracks, found)) return;
-  confirmed_ += R_new_current_ && follower_.isPredictionRight(previous_.tracks, found, *R_new_current_);
+  if (R_new_current_ && confirmed_ < kConfirmedPredictions)
+    confirmed_ += follower_.isPredictionRight(previous_.tracks, found, *R_new_current_);
   if (!previous_.pyramid.empty() && stamp - last_new_ > fromSeconds(kLongestGap)) {
     reset();
     found.clear();
