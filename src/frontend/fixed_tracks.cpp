@@ -12,7 +12,7 @@ constexpr double kAgreeingShare = 0.25;  // of all tracks, or the prediction is 
 constexpr std::size_t kAgreeingTracks = 8;
 constexpr double kStill = 1.0;  // [px] from where it was
 // Points that the camera circles stay, too, for less.
-constexpr double kTurnedUntilFixed = 60.0;  // [px]
+constexpr double kTurnedUntilFixed = 40.0;  // [px]
 constexpr int kImagesUntilFixed = 5;
 
 }  // namespace

@@ -42,7 +42,7 @@ class FixedTracks : public ::testing::Test {
 };
 
 TEST_F(FixedTracks, WhatStaysWhileTheCameraTurnsIsFixed) {
-  for (int i = 0; i < 15; ++i) next({4.0F, 0.0F}, {4.5F, 0.5F});
+  for (int i = 0; i < 10; ++i) next({4.0F, 0.0F}, {4.5F, 0.5F});
   EXPECT_FALSE(isFixed());
   next({4.0F, 0.0F}, {4.5F, 0.5F});
   EXPECT_TRUE(isFixed());

@@ -16,7 +16,7 @@ bool isPredictionRight(const std::vector<cv::Point2f>& before, const std::vector
 /// `predicted` had the camera turned about its centre as the gyroscope says [px, raw]. A track that stays where it is
 /// while the prediction leads away is fixed to the camera, if others go where it leads: else the prediction is wrong. So
 /// points far ahead in straight motion, a rig at rest, and a bias not known yet are no reason. The point of a scene that the
-/// camera circles is, when it stays within a pixel for as long as the rotation alone would take to move it by 60.
+/// camera circles is, when it stays within a pixel for as long as the rotation alone would take to move it by 40.
 void markFixedTracks(const std::vector<cv::Point2f>& before, const std::vector<cv::Point2f>& predicted,
                      std::vector<Track>* tracks);
 
