@@ -15,8 +15,8 @@ constexpr double kLongestGap = 0.5;
 constexpr std::size_t kFewTracks = 12;  // say nothing of the image
 constexpr double kLostShare = 0.3;   // of an image's tracks: if no more are found, the next image may be bad
 constexpr double kFoundShare = 0.5;  // of the last good image's: if so many are found, the next one was bad
-// The same view once more, with the noise of a coding. Circling a wall moves its points by more than a tenth of what the
-// rotation alone would.
+// The same view once more, with the noise of a coding. Circling a wall moves its points little, but most of them by more
+// than that.
 constexpr double kRepeatedShare = 0.9;    // of the tracks, which have not moved by more than
 constexpr double kRepeated = 0.15;        // [px], though the camera has turned by
 constexpr double kTurned = 1.2;           // [px] in the median

@@ -11,7 +11,7 @@ constexpr double kLargestMiss = 0.5;     // of a step: a track that misses by le
 constexpr double kAgreeingShare = 0.25;  // of all tracks, or the prediction is not believed
 constexpr std::size_t kAgreeingTracks = 8;
 constexpr double kStill = 1.0;  // [px] from where it was
-// Points that the camera circles stay, too, for less.
+// A point that the camera circles may stay as long: it is lost to the estimate, and no more.
 constexpr double kTurnedUntilFixed = 40.0;  // [px]
 constexpr int kImagesUntilFixed = 5;
 
